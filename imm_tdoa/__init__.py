@@ -1,0 +1,46 @@
+"""Track emitters of unknown manoeuvre from time differences of arrival.
+
+Several motion models run side by side on one shared measurement model; an interacting multiple
+model (IMM) mixer weighs them.
+
+>>> from imm_tdoa import IMM, Bank, Stations
+>>> from imm_tdoa.models import TDOA, ConstantAcceleration, ConstantVelocity, Static
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from imm_tdoa.bank import Bank
+from imm_tdoa.imm import IMM
+from imm_tdoa.stations import Stations
+from imm_tdoa.track import Track
+
+if TYPE_CHECKING:
+    from imm_tdoa import bounds, locate, metrics, plot, recording, simulate, testing
+    from imm_tdoa.recording import Recording
+
+_LAZY = ("bounds", "locate", "metrics", "models", "plot", "recording", "simulate", "testing")
+
+__version__ = "0.1.0"
+__all__ = [
+    "IMM",
+    "Bank",
+    "Recording",
+    "Stations",
+    "Track",
+    "bounds",
+    "locate",
+    "metrics",
+    "plot",
+    "recording",
+    "simulate",
+    "testing",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        return import_module(f"imm_tdoa.{name}")
+    if name == "Recording":
+        return import_module("imm_tdoa.recording").Recording
+    raise AttributeError(f"module 'imm_tdoa' has no attribute {name!r}")

@@ -1,0 +1,200 @@
+"""What a motion model and a measurement model must offer.
+
+Anything with these methods is a model; nothing needs to inherit from anything. The two base
+classes are conveniences: `LinearMotion` turns a transition matrix into `propagate` and
+`jacobian`, `Measurement` supplies the properties that most measurement models leave at their
+defaults. ``imm-tdoa models --check`` and `imm_tdoa.testing` tell the author of a model which law
+it breaks.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, Self, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
+
+AXES = ("x", "y", "z")
+PREFIX = ("", "v", "a")
+KINDS = ("position", "velocity", "acceleration")
+
+
+def component_names(dims: int, order: int) -> tuple[str, ...]:
+    """Names of a state blocked by derivative order, e.g. ``x y vx vy`` for dims 2, order 1."""
+    return tuple(PREFIX[k] + axis for k in range(order + 1) for axis in AXES[:dims])
+
+
+@runtime_checkable
+class MotionModel(Protocol):
+    """How an emitter moves between two times.
+
+    The state is blocked by derivative order, positions first (`components` names it).
+    Every method takes batches: leading axes of `x` and `dt` broadcast.
+    """
+
+    def components(self, dims: int) -> tuple[str, ...]:
+        """Return the names of the n state components in `dims` space dimensions."""
+        ...
+
+    def propagate(self, x: Array, dt: float | Array) -> Array:
+        """Return the state (..., n) a time `dt` (...) s after state `x` (..., n)."""
+        ...
+
+    def jacobian(self, x: Array, dt: float | Array) -> Array:
+        """Return d propagate / d x, shape (..., n, n)."""
+        ...
+
+    def process_noise(self, dt: float | Array, dims: int) -> Array:
+        """Return the covariance (..., n, n) of what `dt` (...) s add to the state at random."""
+        ...
+
+
+class LinearMotion:
+    """A motion model given by its transition matrix.
+
+    A subclass supplies `components`, `transition` and `process_noise`. The state may be of any
+    number of space dimensions; it is read off the length of `x`.
+    """
+
+    def components(self, dims: int) -> tuple[str, ...]:
+        """Return the names of the n state components in `dims` space dimensions."""
+        raise NotImplementedError
+
+    def transition(self, dt: float | Array, dims: int) -> Array:
+        """Return the transition matrix F (..., n, n) over `dt` (...) s."""
+        raise NotImplementedError
+
+    def propagate(self, x: Array, dt: float | Array) -> Array:
+        """Return F(dt) x, shape (..., n)."""
+        x = np.asarray(x, dtype=float)
+        result: Array = np.einsum("...ij,...j->...i", self.transition(dt, self._dims(x)), x)
+        return result
+
+    def jacobian(self, x: Array, dt: float | Array) -> Array:
+        """Return F(dt), shape (..., n, n)."""
+        return self.transition(dt, self._dims(np.asarray(x)))
+
+    def _dims(self, x: NDArray[Any]) -> int:
+        n, per_axis = x.shape[-1] if x.ndim else 0, len(self.components(1))
+        if n % per_axis or n // per_axis not in (1, 2, 3):
+            raise ValueError(
+                f"x: {type(self).__name__} has {per_axis} components per axis in 1, 2 or 3 "
+                f"dimensions; a state of length {n} fits none of them"
+            )
+        return n // per_axis
+
+
+@runtime_checkable
+class MeasurementModel(Protocol):
+    """What is measured of an emitter, from its kinematics alone.
+
+    A measurement model sees position and velocity, never a motion model's state vector: one
+    measurement model serves every motion model. It works in internal units (metres, metres per
+    second, radians): ``internal = scale * given value``.
+    """
+
+    @property
+    def dims(self) -> int:
+        """Number of space dimensions d."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """Number of rows m of a scan."""
+        ...
+
+    @property
+    def scale(self) -> Array:
+        """Factor (m,) from the caller's units to internal units."""
+        ...
+
+    @property
+    def angular(self) -> Mask:
+        """Which rows (m,) are angles, whose innovations are wrapped into [-pi, pi)."""
+        ...
+
+    @property
+    def offset_group(self) -> Index:
+        """Rows (m,) with the same number >= 0 share an unknown additive offset; -1: none."""
+        ...
+
+    def predict(self, position: Array, velocity: Array, time: float | Array) -> Array:
+        """Return the noise-free rows (..., m) for position and velocity (..., d) at `time`.
+
+        NaN where a row cannot be measured then (a station that is not heard).
+        """
+        ...
+
+    def jacobian(
+        self, position: Array, velocity: Array, time: float | Array
+    ) -> tuple[Array, Array]:
+        """Return d rows / d position and d rows / d velocity, each (..., m, d)."""
+        ...
+
+    def noise_covariance(self, position: Array, velocity: Array, time: float | Array) -> Array:
+        """Return the noise covariance R (..., m, m)."""
+        ...
+
+    def independent(self, present: Mask) -> Mask:
+        """Return `present` (..., m) less the rows that only repeat what other rows say."""
+        ...
+
+    def anchors(self, time: float | Array, present: Mask) -> Array:
+        """Return positions (..., k, d) of the stations behind the `present` rows (..., m).
+
+        They tell a search for the emitter where to begin; NaN where a station was not heard.
+        """
+        ...
+
+    def with_pairs(self, pairs: Any) -> MeasurementModel:
+        """Return the same model for other station pairs (..., m, 2)."""
+        ...
+
+
+class Measurement:
+    """Defaults for a measurement model; a subclass supplies what is marked abstract.
+
+    `dims`, `size`, `predict`, `jacobian` and `noise_covariance` are the subclass's. The rest
+    says: SI units, no angles, no shared offset, no redundant rows, no station pairs.
+    """
+
+    @property
+    def dims(self) -> int:
+        """Number of space dimensions d."""
+        raise NotImplementedError
+
+    @property
+    def size(self) -> int:
+        """Number of rows m of a scan."""
+        raise NotImplementedError
+
+    @property
+    def scale(self) -> Array:
+        """Factor (m,) from the caller's units to internal units."""
+        return np.ones(self.size)
+
+    @property
+    def angular(self) -> Mask:
+        """Which rows (m,) are angles."""
+        return np.zeros(self.size, dtype=bool)
+
+    @property
+    def offset_group(self) -> Index:
+        """Rows (m,) with the same number >= 0 share an unknown additive offset; -1: none."""
+        return np.full(self.size, -1, dtype=np.int64)
+
+    def independent(self, present: Mask) -> Mask:
+        """Return `present` (..., m) less the rows that only repeat what other rows say."""
+        return present
+
+    def anchors(self, time: float | Array, present: Mask) -> Array:
+        """Return positions (..., k, d) of the stations behind the `present` rows; here none."""
+        return np.zeros((*present.shape[:-1], 0, self.dims))
+
+    def with_pairs(self, pairs: Any) -> Self:
+        """Return the same model for other station pairs (..., m, 2)."""
+        raise ValueError(f"pairs: {type(self).__name__} does not measure station pairs")

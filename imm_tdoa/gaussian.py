@@ -1,0 +1,171 @@
+"""One Gaussian: predict, update, log-density (ALGORITHMS §4).
+
+Pure functions on arrays with leading batch axes. A missing row is a False in `present`: the row
+leaves the computation exactly, as if it had been cut out of z, h, H and R, without ragged shapes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from imm_tdoa.contract import Array, Index, Mask
+
+LOG_2PI = float(np.log(2.0 * np.pi))
+
+
+class Update(NamedTuple):
+    """What a measurement made of a Gaussian; see `update`."""
+
+    x: Array
+    P: Array
+    log_likelihood: Array
+    nis: Array
+
+
+def symmetric(P: Array) -> Array:
+    """Return (P + P') / 2."""
+    result: Array = 0.5 * (P + np.swapaxes(P, -1, -2))
+    return result
+
+
+def predict_covariance(P: Array, F: Array, Q: Array) -> Array:
+    """Return F P F' + Q, exactly symmetric."""
+    return symmetric(F @ P @ np.swapaxes(F, -1, -2) + Q)
+
+
+def wrap(angle: Array) -> Array:
+    """Return `angle` (rad) wrapped into [-pi, pi)."""
+    result: Array = (angle + np.pi) % (2.0 * np.pi) - np.pi
+    return result
+
+
+def offset_contrast(variance: Array, present: Mask, group: Index) -> tuple[Array, Mask]:
+    """Return the matrix T (..., m, m) that differences shared offsets away, and what remains.
+
+    Within each group the present row of least variance becomes the reference: it is subtracted
+    from the group's other rows and leaves (§1.1, reference-free information). What remains says
+    exactly what the group says about the state, and has the same likelihood, whichever row was
+    taken.
+
+    Parameters
+    ----------
+    variance : (..., m)
+        Noise variances of the rows.
+    present : (..., m)
+        Rows that were measured.
+    group : (m,)
+        Offset group of each row; -1: none.
+    """
+    eye = np.eye(len(group))
+    T = eye
+    for g in np.unique(group[group >= 0]):
+        members = group == g
+        least = np.argmin(np.where(present & members, variance, np.inf), axis=-1)[..., None]
+        reference = present & members & (np.arange(len(group)) == least)
+        T = T - np.where(members, 1.0, 0.0)[:, None] * np.where(reference, 1.0, 0.0)[..., None, :]
+        present = present & ~reference
+    return T, present
+
+
+def mask_rows(nu: Array, H: Array, R: Array, present: Mask) -> tuple[Array, Array, Array]:
+    """Neutralise missing rows: zero innovation and Jacobian, unit variance, no correlation."""
+    both = present[..., :, None] & present[..., None, :]
+    R = np.where(both, R, np.eye(R.shape[-1]))
+    return np.where(present, nu, 0.0), np.where(present[..., None], H, 0.0), R
+
+
+def factor(S: Array, what: str = "innovation covariance") -> Array:
+    """Return the lower Cholesky factor of S (..., m, m), or say which covariance failed."""
+    try:
+        return np.linalg.cholesky(S)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(f"{what}: not positive definite") from error
+
+
+def update(x: Array, P: Array, nu: Array, H: Array, R: Array, present: Mask) -> Update:
+    """Kalman update in Joseph form with innovation `nu`; log-likelihood from the factor of S.
+
+    Parameters
+    ----------
+    x : (..., n)
+        Predicted mean.
+    P : (..., n, n)
+        Predicted covariance.
+    nu : (..., m)
+        Innovation z - h(x), angular rows wrapped.
+    H : (..., m, n)
+        Jacobian of h at x.
+    R : (..., m, m)
+        Noise covariance.
+    present : (..., m)
+        Rows that were measured; the others change nothing.
+
+    Returns
+    -------
+    Update
+        Mean, covariance, log-likelihood of the present rows and normalised innovation squared.
+    """
+    nu, H, R = mask_rows(nu, H, R, present)
+    HP = H @ P
+    S = symmetric(HP @ np.swapaxes(H, -1, -2) + R)
+    L = factor(S)
+    white = np.linalg.solve(L, np.concatenate([HP, nu[..., None]], axis=-1))
+    A, w = white[..., :-1], white[..., -1]
+    K = np.swapaxes(np.linalg.solve(np.swapaxes(L, -1, -2), A), -1, -2)
+    x = x + np.einsum("...ij,...j->...i", K, nu)
+    I_KH = np.eye(P.shape[-1]) - K @ H
+    P = symmetric(I_KH @ P @ np.swapaxes(I_KH, -1, -2) + K @ R @ np.swapaxes(K, -1, -2))
+    nis = np.einsum("...i,...i->...", w, w)
+    log_det = 2.0 * np.sum(np.log(np.einsum("...ii->...i", L)), axis=-1)
+    rows = np.count_nonzero(present, axis=-1)
+    return Update(x, P, -0.5 * (nis + log_det + rows * LOG_2PI), nis)
+
+
+def snoop(nu: Array, S: Array, present: Mask, group: Index, threshold: float) -> Mask:
+    """Return `present` less the rows that the others contradict, strongest first.
+
+    Data snooping (Baarda 1968): with W = S^-1, less its projection on offsets that rows share,
+    dropping row i lowers the normalised innovation squared by (W nu)_i² / W_ii, which is chi-square
+    with one degree of freedom for a good row. The worst row above `threshold` is dropped and the
+    rest judged anew, so one gross row does not take its neighbours along, correlated or not.
+
+    Parameters
+    ----------
+    nu : (..., m)
+        Innovations.
+    S : (..., m, m)
+        Their covariance, prediction and noise.
+    present : (..., m)
+        Rows that were measured.
+    group : (m,)
+        Offset group of each row; -1: none.
+    threshold : float
+        Largest acceptable statistic.
+    """
+    present = np.array(np.broadcast_to(present, nu.shape))
+    for _ in range(nu.shape[-1]):
+        statistic = _snooping_statistic(nu, S, present, group)
+        worst = np.argmax(statistic, axis=-1)[..., None]
+        out = (np.arange(nu.shape[-1]) == worst) & (statistic > threshold)
+        if not np.any(out):
+            break
+        present &= ~out
+    return present
+
+
+def _snooping_statistic(nu: Array, S: Array, present: Mask, group: Index) -> Array:
+    both = present[..., :, None] & present[..., None, :]
+    W = np.where(both, np.linalg.inv(np.where(both, S, np.eye(S.shape[-1]))), 0.0)
+    full = np.einsum("...ii->...i", W)
+    for g in np.unique(group[group >= 0]):
+        one = np.where(present & (group == g), 1.0, 0.0)
+        W1 = np.einsum("...ij,...j->...i", W, one)
+        total = np.sum(W1 * one, axis=-1)[..., None, None]
+        W = W - W1[..., :, None] * W1[..., None, :] / np.where(total > 0.0, total, np.inf)
+    own = np.einsum("...ii->...i", W)
+    score = np.einsum("...ij,...j->...i", W, np.where(present, nu, 0.0))
+    testable = present & (own > 1e-9 * full)
+    result: Array = np.where(testable, score**2 / np.where(testable, own, 1.0), 0.0)
+    return result

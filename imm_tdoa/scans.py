@@ -1,0 +1,102 @@
+"""What arrived when: the rows of a recording in the order a filter takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import attrs
+import numpy as np
+
+from imm_tdoa import _validate
+from imm_tdoa.contract import Array, Index, MeasurementModel
+
+
+@attrs.frozen(eq=False)
+class Scans:
+    """A sequence of scans of one measurement model; unpacks as ``measurement, times, values, pairs``.
+
+    Attributes
+    ----------
+    measurement : MeasurementModel
+        What is measured.
+    times : (T,) or (..., T)
+        Times, s, not decreasing.
+    values : (..., T, m)
+        Rows in the measurement's units; NaN is missing.
+    pairs : (T, m, 2) or (..., T, m, 2), optional
+        Station pairs of each row, where they change from scan to scan.
+    """
+
+    measurement: MeasurementModel
+    times: Array
+    values: Array
+    pairs: Index | None = None
+
+    @classmethod
+    def checked(
+        cls, measurement: MeasurementModel, times: Any, values: Any, pairs: Any = None
+    ) -> Scans:
+        """Return the scans, or raise a ValueError that names what does not fit."""
+        times = _validate.array("times", times, (None, "T"))
+        T = times.shape[-1]
+        if T == 0:
+            raise ValueError("times: expected at least one scan, got none")
+        if np.any(np.diff(times) < 0.0):
+            k = int(np.argwhere(np.diff(times) < 0.0)[0][-1])
+            a, b = times[..., k].min(), times[..., k + 1].min()
+            raise ValueError(
+                f"times: expected times that do not decrease, times[{k + 1}] = {b:g} s follows "
+                f"{a:g} s"
+            )
+        if pairs is not None:
+            pairs = np.asarray(pairs)
+            if pairs.ndim < 3 or pairs.shape[-3] != T or pairs.shape[-1] != 2:
+                raise ValueError(f"pairs: expected shape ({T}, m, 2), got {pairs.shape}")
+            measurement = measurement.with_pairs(pairs[..., 0, :, :])
+        values = _validate.array("values", values, (None, T, measurement.size), finite=False)
+        try:
+            np.broadcast_shapes(values.shape[:-2], times.shape[:-1])
+        except ValueError:
+            raise ValueError(
+                f"times: batch axes {times.shape[:-1]} do not fit those of values, "
+                f"{values.shape[:-2]}"
+            ) from None
+        return cls(measurement, times, values, pairs)
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((self.measurement, self.times, self.values, self.pairs))
+
+    @property
+    def count(self) -> int:
+        """Number of scans T."""
+        return int(self.times.shape[-1])
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """Batch axes: targets that share the measurement model."""
+        return np.broadcast_shapes(self.values.shape[:-2], self.times.shape[:-1])
+
+    def measured_at(self, k: int) -> MeasurementModel:
+        """Return the measurement model of scan k, with its pairs."""
+        if self.pairs is None:
+            return self.measurement
+        return self.measurement.with_pairs(self.pairs[..., k, :, :])
+
+    def part(self, scans: slice) -> Scans:
+        """Return some of the scans."""
+        pairs = None if self.pairs is None else self.pairs[..., scans, :, :]
+        return Scans(self.measurement, self.times[..., scans], self.values[..., scans, :], pairs)
+
+    def together(self) -> MeasurementModel:
+        """Return the measurement model of all scans at once, its pairs with a time axis."""
+        return self.measurement if self.pairs is None else self.measurement.with_pairs(self.pairs)
+
+    def of_target(self, index: tuple[int, ...]) -> Scans:
+        """Return the scans of one target of the batch."""
+        times = np.broadcast_to(self.times, (*self.batch, self.count))[index]
+        values = np.broadcast_to(self.values, (*self.batch, *self.values.shape[-2:]))[index]
+        pairs = self.pairs
+        if pairs is not None and pairs.ndim > 3:
+            pairs = np.broadcast_to(pairs, (*self.batch, *pairs.shape[-3:]))[index]
+        return Scans(self.measurement, times, values, pairs)

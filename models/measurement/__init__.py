@@ -1,0 +1,1 @@
+"""What is measured of an emitter: one file per measurement model (ALGORITHMS §1)."""

@@ -1,0 +1,1 @@
+"""How emitters move: one file per motion model (ALGORITHMS §2)."""
