@@ -1,11 +1,26 @@
-"""Which of several station pairs say something new."""
+"""Differences of what stations share: their noise, and which of them say something new."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from imm_tdoa.contract import Index, Mask
-from imm_tdoa.geometry import incidence
+from imm_tdoa.contract import Array, Index, Mask
+from imm_tdoa.geometry import difference_covariance, incidence
+
+
+def shared_noise(variance: Array, pairs: Index) -> Array:
+    """Return the covariance (..., m, m) of differences of station noise (..., S).
+
+    Where a station's variance is NaN (nothing was measured there), the rows of that station are
+    NaN and no other is touched.
+    """
+    unknown = np.isnan(variance)
+    if not np.any(unknown):
+        return difference_covariance(variance, pairs)
+    R = difference_covariance(np.where(unknown, 0.0, variance), pairs)
+    D = np.abs(incidence(pairs, variance.shape[-1]))
+    row = np.einsum("...ms,...s->...m", D, unknown.astype(float)) > 0.0
+    return np.where(row[..., :, None] | row[..., None, :], np.nan, R)
 
 
 def spanning_rows(pairs: Index, present: Mask) -> Mask:

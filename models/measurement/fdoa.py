@@ -8,9 +8,9 @@ import attrs
 import numpy as np
 
 from imm_tdoa.contract import Array, Mask
-from imm_tdoa.geometry import difference, difference_covariance, incidence, range_rates
+from imm_tdoa.geometry import difference, incidence, range_rates
 from imm_tdoa.models.measurement import _sigma
-from imm_tdoa.models.measurement._pairs import spanning_rows
+from imm_tdoa.models.measurement._pairs import shared_noise, spanning_rows
 from imm_tdoa.models.measurement._receiver import ReceiverMeasurement
 from imm_tdoa.stations import Stations, pair_index
 
@@ -57,7 +57,7 @@ class FDOA(ReceiverMeasurement):
         put = object.__setattr__
         put(self, "pairs", pair_index(self.pairs, self.stations))
         name = "range_rate_sigma" if self.difference_sigma is None else "difference_sigma"
-        rows = len(self.stations) if name == "range_rate_sigma" else None
+        rows = len(self.stations) if name == "range_rate_sigma" else self.size
         value, times = _sigma.checked(name, getattr(self, name), rows, self.sigma_times)
         put(self, name, value)
         put(self, "sigma_times", times)
@@ -82,13 +82,13 @@ class FDOA(ReceiverMeasurement):
     def sensor_covariance(self, time: float | Array) -> Array:
         """Return the covariance (..., m, m) of the differences, (m/s)²."""
         if self.difference_sigma is not None:
-            sigma = _sigma.at("difference_sigma", self.difference_sigma, self.sigma_times, time)
-            sigma = np.broadcast_to(sigma, (*sigma.shape[:-1], self.size))
+            value, times = self.difference_sigma, self.sigma_times
+            sigma = _sigma.at("difference_sigma", value, times, time, self.size)
             result: Array = sigma[..., None] ** 2 * np.eye(self.size)
             return result
-        sigma = _sigma.at("range_rate_sigma", self.range_rate_sigma, self.sigma_times, time)
-        variance = np.broadcast_to(sigma**2, (*sigma.shape[:-1], len(self.stations)))
-        return difference_covariance(variance, self.pairs)
+        S = len(self.stations)
+        sigma = _sigma.at("range_rate_sigma", self.range_rate_sigma, self.sigma_times, time, S)
+        return shared_noise(sigma**2, self.pairs)
 
     def station_jacobian(
         self, position: Array, velocity: Array, time: float | Array
@@ -101,7 +101,8 @@ class FDOA(ReceiverMeasurement):
     def heard(self, present: Mask) -> Mask:
         """Return which stations (..., S) are in a `present` pair (..., m)."""
         D = np.abs(incidence(self.pairs, len(self.stations)))
-        return np.einsum("...m,...ms->...s", present.astype(float), D) > 0.0
+        heard: Mask = np.einsum("...m,...ms->...s", present.astype(float), D) > 0.0
+        return heard
 
     def independent(self, present: Mask) -> Mask:
         """Return `present` (..., m) less the differences that close a loop of shared rates."""

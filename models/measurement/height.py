@@ -63,7 +63,6 @@ class Height(Measurement):
 
     def noise_covariance(self, position: Array, velocity: Array, time: float | Array) -> Array:
         """Return the variance (..., 1, 1), m²."""
-        sigma = _sigma.at("sigma", self.sigma, self.sigma_times, time)
-        sigma = np.broadcast_to(sigma, (*sigma.shape[:-1], 1))
+        sigma = _sigma.at("sigma", self.sigma, self.sigma_times, time, 1)
         result: Array = sigma[..., None] ** 2
         return result

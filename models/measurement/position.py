@@ -55,7 +55,6 @@ class Position(Measurement):
 
     def noise_covariance(self, position: Array, velocity: Array, time: float | Array) -> Array:
         """Return the diagonal covariance (..., d, d), m²."""
-        sigma = _sigma.at("sigma", self.sigma, self.sigma_times, time)
-        sigma = np.broadcast_to(sigma, (*sigma.shape[:-1], self.dims))
+        sigma = _sigma.at("sigma", self.sigma, self.sigma_times, time, self.dims)
         result: Array = sigma[..., None] ** 2 * np.eye(self.dims)
         return result

@@ -63,8 +63,7 @@ class RangeRate(ReceiverMeasurement):
 
     def sensor_covariance(self, time: float | Array) -> Array:
         """Return the diagonal covariance (..., S, S) of the range rates, (m/s)²."""
-        sigma = _sigma.at("sigma", self.sigma, self.sigma_times, time)
-        sigma = np.broadcast_to(sigma, (*sigma.shape[:-1], self.size))
+        sigma = _sigma.at("sigma", self.sigma, self.sigma_times, time, self.size)
         result: Array = sigma[..., None] ** 2 * np.eye(self.size)
         return result
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import attrs
@@ -16,7 +17,8 @@ class Stack:
     """The rows of several measurement models, concatenated.
 
     ``Stack(TDOA(...), FDOA(...))``. The models' noises are independent, but for receiver errors:
-    models of the same `Stations` object share them, and the cross-covariance is in R.
+    models of the same `Stations` object share them, and the cross-covariance is in R. A stack
+    among the models counts as its members.
 
     Parameters
     ----------
@@ -37,7 +39,8 @@ class Stack:
                     f"Stack: models of {models[0].dims} and {model.dims} dimensions do not go "
                     f"together"
                 )
-        object.__setattr__(self, "models", models)
+        flat = [part for model in models for part in getattr(model, "models", (model,))]
+        object.__setattr__(self, "models", tuple(flat))
 
     @property
     def dims(self) -> int:
@@ -87,7 +90,7 @@ class Stack:
         """Return R (..., m, m): block diagonal, but for receiver errors that models share."""
         blocks = _same_batch([m.noise_covariance(position, velocity, time) for m in self.models], 2)
         ends = np.cumsum([0, *(model.size for model in self.models)])
-        rows = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        rows = [slice(a, b) for a, b in pairwise(ends)]
         R = np.zeros((*blocks[0].shape[:-2], ends[-1], ends[-1]))
         for here, block in zip(rows, blocks, strict=True):
             R[..., here, here] = block

@@ -9,9 +9,9 @@ import numpy as np
 
 from imm_tdoa import _validate
 from imm_tdoa.contract import Array, Mask
-from imm_tdoa.geometry import difference, difference_covariance, incidence, ranges
+from imm_tdoa.geometry import difference, incidence, ranges
 from imm_tdoa.models.measurement import _sigma
-from imm_tdoa.models.measurement._pairs import spanning_rows
+from imm_tdoa.models.measurement._pairs import shared_noise, spanning_rows
 from imm_tdoa.models.measurement._receiver import ReceiverMeasurement
 from imm_tdoa.stations import Stations, pair_index
 
@@ -61,7 +61,7 @@ class TDOA(ReceiverMeasurement):
         put(self, "pairs", pair_index(self.pairs, self.stations))
         _validate.positive("speed", self.speed)
         name = "toa_sigma" if self.tdoa_sigma is None else "tdoa_sigma"
-        rows = len(self.stations) if name == "toa_sigma" else None
+        rows = len(self.stations) if name == "toa_sigma" else self.size
         value, times = _sigma.checked(name, getattr(self, name), rows, self.sigma_times)
         put(self, name, value)
         put(self, "sigma_times", times)
@@ -92,13 +92,12 @@ class TDOA(ReceiverMeasurement):
     def sensor_covariance(self, time: float | Array) -> Array:
         """Return the covariance (..., m, m) of the differences, m²."""
         if self.tdoa_sigma is not None:
-            sigma = self.speed * _sigma.at("tdoa_sigma", self.tdoa_sigma, self.sigma_times, time)
-            sigma = np.broadcast_to(sigma, (*sigma.shape[:-1], self.size))
-            result: Array = sigma[..., None] ** 2 * np.eye(self.size)
+            sigma = _sigma.at("tdoa_sigma", self.tdoa_sigma, self.sigma_times, time, self.size)
+            result: Array = (self.speed * sigma[..., None]) ** 2 * np.eye(self.size)
             return result
-        sigma = self.speed * _sigma.at("toa_sigma", self.toa_sigma, self.sigma_times, time)
-        variance = np.broadcast_to(sigma**2, (*sigma.shape[:-1], len(self.stations)))
-        return difference_covariance(variance, self.pairs)
+        S = len(self.stations)
+        sigma = _sigma.at("toa_sigma", self.toa_sigma, self.sigma_times, time, S)
+        return shared_noise((self.speed * sigma) ** 2, self.pairs)
 
     def station_jacobian(
         self, position: Array, velocity: Array, time: float | Array
@@ -111,7 +110,8 @@ class TDOA(ReceiverMeasurement):
     def heard(self, present: Mask) -> Mask:
         """Return which stations (..., S) are in a `present` pair (..., m)."""
         D = np.abs(incidence(self.pairs, len(self.stations)))
-        return np.einsum("...m,...ms->...s", present.astype(float), D) > 0.0
+        heard: Mask = np.einsum("...m,...ms->...s", present.astype(float), D) > 0.0
+        return heard
 
     def independent(self, present: Mask) -> Mask:
         """Return `present` (..., m) less the differences that close a loop of shared arrivals."""

@@ -74,8 +74,7 @@ class TOA(ReceiverMeasurement):
 
     def sensor_covariance(self, time: float | Array) -> Array:
         """Return the diagonal covariance (..., S, S) of the arrivals, m²."""
-        sigma = self.speed * _sigma.at("sigma", self.sigma, self.sigma_times, time)
-        sigma = np.broadcast_to(sigma, (*sigma.shape[:-1], self.size))
+        sigma = self.speed * _sigma.at("sigma", self.sigma, self.sigma_times, time, self.size)
         result: Array = sigma[..., None] ** 2 * np.eye(self.size)
         return result
 

@@ -58,4 +58,5 @@ def blocked(per_axis: Array, dims: int) -> Array:
     dims = _validate.dimensions(dims)
     k = per_axis.shape[-1]
     full = np.einsum("...ab,ij->...aibj", per_axis, np.eye(dims))
-    return full.reshape(*per_axis.shape[:-2], k * dims, k * dims)
+    result: Array = full.reshape(*per_axis.shape[:-2], k * dims, k * dims)
+    return result

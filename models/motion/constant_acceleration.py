@@ -41,6 +41,11 @@ class ConstantAcceleration(LinearMotion):
     def __attrs_post_init__(self) -> None:
         exactly_one("ConstantAcceleration", self.psd, self.std)
 
+    @property
+    def composes(self) -> bool:
+        """Whether noise over two steps on end is that over one long step: only with `psd`."""
+        return self.std is None
+
     def components(self, dims: int) -> tuple[str, ...]:
         """Return the components of position, velocity and acceleration."""
         return component_names(_validate.dimensions(dims), order=2)

@@ -43,6 +43,11 @@ class CoordinatedTurn:
         exactly_one("CoordinatedTurn", self.psd, self.std)
         _validate.non_negative("turn_rate_psd", self.turn_rate_psd)
 
+    @property
+    def composes(self) -> bool:
+        """Whether noise over two steps on end is that over one long step: only with `psd`."""
+        return self.std is None
+
     def components(self, dims: int) -> tuple[str, ...]:
         """Return the components of position, velocity and turn rate."""
         if _validate.dimensions(dims) == 1:
