@@ -1,0 +1,1 @@
+"""Banks that ship with the package, one TOML file each; `imm_tdoa.bankfile.load` reads them."""

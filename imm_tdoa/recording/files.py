@@ -9,7 +9,8 @@ from typing import Any, Literal
 
 import attrs
 
-from imm_tdoa.recording import _atomic, _csv, _parquet, _toml, receivers, schema, settings
+from imm_tdoa import _structure
+from imm_tdoa.recording import _atomic, _csv, _parquet, receivers, schema, settings
 from imm_tdoa.recording.recording import Recording
 from imm_tdoa.recording.settings import FILE
 from imm_tdoa.recording.table import Table
@@ -47,11 +48,7 @@ def read(folder: str | Path) -> Recording:
 def _read(folder: Path) -> Recording:
     if not (folder / FILE).exists():
         raise ValueError(f"{FILE}: missing in {str(folder)!r}")
-    try:
-        text = (folder / FILE).read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{FILE}: expected text in UTF-8, {error}") from error
-    given = settings.parse(text)
+    given = settings.parse(_structure.read(folder / FILE))
     frame = given.frame.axes()
     station_rows = _table(folder, STATIONS, schema.station_columns)
     if station_rows is None:
@@ -125,7 +122,7 @@ def write(
         raise ValueError(f"tables: expected 'csv' or 'parquet', got {tables!r}")
     folder = Path(folder)
     _refuse_occupied(folder, overwrite)
-    text = _toml.dumps(_settings(recording))
+    text = settings.dumps(_settings(recording))
     found = {name: getattr(recording, name) for name in schema.TABLES}
     found = {STATIONS: receivers.to_table(recording.stations), **found}
     with _atomic.folder(folder, _is_ours) as draft:

@@ -1,20 +1,15 @@
-"""``recording.toml``: its frozen classes, and errors that name the exact key."""
+"""``recording.toml``: its frozen classes, read and written; errors name the exact key."""
 
 from __future__ import annotations
 
-import functools
-import re
-import tomllib
+import datetime
 from collections.abc import Mapping
-from types import UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any
 
 import attrs
-import cattrs
-from cattrs.errors import BaseValidationError, ForbiddenExtraKeysError
-from cattrs.gen import make_dict_structure_fn
+import tomli_w
 
-from imm_tdoa import _validate
+from imm_tdoa import _structure, _validate
 from imm_tdoa.frames import EastNorthUp
 from imm_tdoa.recording.sections import Noise, TruthScoring
 
@@ -64,8 +59,8 @@ class Settings:
     frame: Frame = attrs.field(factory=Frame)
     noise: Noise = attrs.field(factory=Noise)
     truth: TruthScoring = attrs.field(factory=TruthScoring)
-    source: dict[str, Any] = attrs.field(factory=dict)
-    notes: dict[str, Any] = attrs.field(factory=dict)
+    source: Mapping[str, Any] = attrs.field(factory=dict)
+    notes: Mapping[str, Any] = attrs.field(factory=dict)
 
     def __attrs_post_init__(self) -> None:
         if self.format != FORMAT:
@@ -82,95 +77,49 @@ def parse(text: str) -> Settings:
     ------
     ValueError
         ``recording.toml: noise.toa_sigma_s: expected a number, got 'abc'``, and the like for
-        unknown and missing keys; the line, where the text is no TOML.
+        unknown and missing keys; line and column, where the text is no TOML.
     """
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        found = re.search(r"\(at line (\d+), column (\d+)\)", str(error))
-        line = found[1] if found else str(text.count("\n") + 1)
-        raise ValueError(f"{FILE}:{line}: no TOML: {error}") from error
+    data = _structure.parse(text, FILE)
     if "format" not in data:
         raise ValueError(f"{FILE}: format: missing; expected format = {FORMAT}")
-    try:
-        return _converter().structure(data, Settings)
-    except BaseValidationError as error:
-        raise ValueError(f"{FILE}: {_first(error, '')}") from error
+    return _structure.structure(data, Settings, FILE)
 
 
-class _WrongTypeError(ValueError):
-    """A value of the wrong type."""
+def dumps(data: Mapping[str, Any]) -> str:
+    """Return `data` as TOML text that reads back exactly.
+
+    Raises
+    ------
+    ValueError
+        A value that TOML cannot hold, named by its key: ``notes.a: a recording.toml cannot hold
+        None``.
+    """
+    for key, value in data.items():
+        _refuse_foreign(value, _named(key))
+    text = tomli_w.dumps(data)
+    # Over several lines the writer makes "\n" of "\r\n"; such text stays on one line, escaped.
+    return text if r"\r\n" in text else tomli_w.dumps(data, multiline_strings=True)
 
 
-@functools.cache
-def _converter() -> cattrs.Converter:
-    """A converter that never turns one type into another."""
-    converter = cattrs.Converter(forbid_extra_keys=True)
-    converter.register_structure_hook(float, _number)
-    converter.register_structure_hook(int, _strict("a whole number", int))
-    converter.register_structure_hook(str, _strict("text", str))
-    converter.register_structure_hook(bool, _strict("true or false", bool))
-    converter.register_structure_hook_func(_is_free, _strict("a table", dict))
-    converter.register_structure_hook_func(_is_names, _names)
-    for cls in (Frame, Noise, TruthScoring, Settings):
-        converter.register_structure_hook(cls, _table(cls, converter))
-    return converter
+def _refuse_foreign(value: Any, place: str) -> None:
+    match value:
+        case Mapping():
+            for key, inner in value.items():
+                _refuse_foreign(inner, f"{place}.{_named(key)}")
+        case list() | tuple():
+            for i, inner in enumerate(value):
+                _refuse_foreign(inner, f"{place}[{i}]")
+        case bool() | str() | float() | datetime.date():
+            pass
+        case datetime.time(tzinfo=None):
+            pass
+        case int() if -(2**63) <= value < 2**63:
+            pass
+        case _:
+            raise ValueError(f"{place}: a {FILE} cannot hold {value!r}")
 
 
-def _strict(what: str, kind: type) -> Any:
-    def hook(value: Any, _: Any) -> Any:
-        if not isinstance(value, kind) or (kind is not bool and isinstance(value, bool)):
-            raise _WrongTypeError(f"expected {what}, got {value!r}")
-        return value
-
-    return hook
-
-
-def _number(value: Any, _: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _WrongTypeError(f"expected a number, got {value!r}")
-    return float(value)
-
-
-def _is_free(kind: Any) -> bool:
-    return bool(kind == dict[str, Any])
-
-
-def _is_names(kind: Any) -> bool:
-    options = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    return tuple[str, ...] in options
-
-
-def _names(value: Any, _: Any) -> tuple[str, ...]:
-    if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-        raise _WrongTypeError(f"expected a list of names, got {value!r}")
-    return tuple(value)
-
-
-def _table(cls: type, converter: cattrs.Converter) -> Any:
-    structure: Any = make_dict_structure_fn(cls, converter, _cattrs_forbid_extra_keys=True)
-
-    def hook(value: Any, kind: Any) -> Any:
-        if not isinstance(value, Mapping):
-            raise _WrongTypeError(f"expected a table, got {value!r}")
-        return structure(value, kind)
-
-    return hook
-
-
-def _first(error: BaseException, path: str) -> str:
-    """Return ``key.key: what`` of the first fault inside a cattrs error group."""
-    if isinstance(error, cattrs.ClassValidationError):
-        placed, loose = error.group_exceptions()
-        if placed:
-            inner, note = placed[0]
-            return _first(inner, f"{path}{'.' if path else ''}{note.name}")
-        return _first(loose[0], path)
-    dot = "." if path else ""
-    if isinstance(error, ForbiddenExtraKeysError):
-        key = min(error.extra_fields)
-        expected = ", ".join(get_type_hints(error.cl))
-        return f"{path}{dot}{key}: unknown key; expected one of {expected}"
-    if isinstance(error, _WrongTypeError):
-        return f"{path}: {error}"
-    return f"{path}{dot}{error}"  # a class's own check, which names its field
+def _named(key: Any) -> str:
+    if not isinstance(key, str):
+        raise ValueError(f"expected text as a key of {FILE}, got {key!r}")
+    return key

@@ -5,8 +5,8 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
+from imm_tdoa import _structure
 from imm_tdoa.simulate.scenario import Scenario
-from imm_tdoa.simulate.structuring import near, parse, structure
 
 _SHELF = resources.files("imm_tdoa.simulate").joinpath("scenarios")
 
@@ -39,18 +39,15 @@ def load(name_or_path: str | Path) -> Scenario:
     if path.is_dir():
         raise ValueError(f"scenario: {str(name_or_path)!r} is a folder; expected a TOML file")
     if path.is_file():
-        try:
-            return read(path.read_text("utf-8"), path.name)
-        except UnicodeDecodeError as error:
-            raise ValueError(f"{path.name}: expected UTF-8 text: {error.reason}") from error
+        return read(_structure.read(path), path.name)
     if isinstance(name_or_path, Path) or path.suffix == ".toml" or len(path.parts) != 1:
         raise ValueError(f"scenario: there is no file {str(name_or_path)!r}")
     raise ValueError(
         f"scenario: no scenario ships under the name {name_or_path!r} and there is no such "
-        f"file{near(name_or_path, scenarios())}; there are: {', '.join(scenarios())}"
+        f"file{_structure.near(name_or_path, scenarios())}; there are: {', '.join(scenarios())}"
     )
 
 
 def read(text: str, file: str = "scenario") -> Scenario:
     """Return the scenario written in `text` (TOML); `file` is what messages call it."""
-    return structure(parse(text, file), Scenario, file)
+    return _structure.structure(_structure.parse(text, file), Scenario, file)

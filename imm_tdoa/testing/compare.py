@@ -11,6 +11,7 @@ from imm_tdoa.contract import Array
 from imm_tdoa.testing.laws import ViolationError
 
 TOLERANCE = 1e-9  # of the magnitude of what is added up, some 1e6 roundings
+ROUNDING = 1e-13  # of the largest entry: what a matrix routine leaves where a zero should be
 
 
 def show(value: Any) -> str:
@@ -48,6 +49,8 @@ def agree(
 ) -> None:
     """Raise `ViolationError` unless both are the same to ``tolerance * scale + slack``.
 
+    The slack includes the rounding of the largest entry.
+
     Parameters
     ----------
     left_name, right_name : str
@@ -69,7 +72,8 @@ def agree(
     size = np.maximum(np.abs(a), np.abs(b)) if scale is None else np.asarray(scale, dtype=float)
     with np.errstate(invalid="ignore"):
         gap = np.abs(a - b)
-    allowed = np.broadcast_to(tolerance * size + slack, gap.shape)
+    rounding = ROUNDING * np.max(size, initial=0.0, where=np.isfinite(size))
+    allowed = np.broadcast_to(tolerance * size + slack + rounding, gap.shape)
     wrong = ~(gap <= allowed) & ~((a == b) | (np.isnan(a) & np.isnan(b)))
     if not np.any(wrong):
         return

@@ -281,7 +281,7 @@ def test_bytes_that_are_no_text(tmp_path: Path) -> None:
     (tmp_path / "toa.csv").write_bytes(b"time_s,emission,station,toa_s\n1,\xff,a,2\n")
     assert refusal(tmp_path).startswith("toa.csv: expected text in UTF-8")
     (tmp_path / "recording.toml").write_bytes(b'format = 1\ntitle = "\xff"')
-    assert refusal(tmp_path).startswith("recording.toml: expected text in UTF-8")
+    assert refusal(tmp_path).startswith("recording.toml:2: expected UTF-8 text: ")
 
 
 def test_a_folder_in_place_of_a_table(tmp_path: Path) -> None:

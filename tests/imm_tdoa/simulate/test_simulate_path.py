@@ -173,7 +173,7 @@ def test_the_same_leg_may_come_twice() -> None:
 
 def test_white_acceleration_has_the_covariance_of_constant_velocity() -> None:
     # Over any partition of the time, position and velocity wander as the CWN model says.
-    psd, runs = 0.7, 3000
+    psd, runs = 0.7, 1500
     legs = (
         Leg(motion="constant-velocity", duration_s=4.0, acceleration_psd=psd),
         Leg(motion="turn", duration_s=3.0, turn_rate_dps=20.0, acceleration_psd=psd),

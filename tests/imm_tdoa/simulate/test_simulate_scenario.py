@@ -107,8 +107,8 @@ BAD = [
     ("interval_s = 1", "interval_s = true", "sampling.interval_s: expected a number, got True"),
     ("interval_s = 1", "interval_s = inf", "sampling.interval_s: expected a finite number, got inf"),
     ("interval_s = 1", "interval_s = 1\nrange_rate = 1", "sampling.range_rate: expected true or false, got 1"),
-    ("position_m = [300, 400]", "position_m = 300", "targets[0].position_m: expected a list, got 300"),
-    ("position_m = [300, 400]", 'position_m = "ab"', "targets[0].position_m: expected a list, got 'ab'"),
+    ("position_m = [300, 400]", "position_m = 300", "targets[0].position_m: expected a list of numbers, got 300"),
+    ("position_m = [300, 400]", 'position_m = "ab"', "targets[0].position_m: expected a list of numbers, got 'ab'"),
     ("position_m = [300, 400]", "position_m = [300, '4']", "targets[0].position_m[1]: expected a number, got '4'"),
     ("[noise]\ntoa_sigma_s = 1e-8", "", "noise: missing"),
     ("station = { a = 0.2 }", "station = 0.2", "dropouts.station: expected a table, got 0.2"),
@@ -207,5 +207,5 @@ def test_load_says_what_it_did_not_find(tmp_path: Path) -> None:
         simulate.load(tmp_path)
     latin = tmp_path / "latin.toml"
     latin.write_bytes('title = "Möwe"'.encode("latin-1"))
-    with pytest.raises(ValueError, match=r"latin.toml: expected UTF-8 text"):
+    with pytest.raises(ValueError, match=r"latin.toml:1: expected UTF-8 text"):
         simulate.load(latin)

@@ -18,13 +18,14 @@ SAMPLE = Path(imm_tdoa.__file__).parent / "sample"
 
 # velocity and acceleration of the birth law, m/s and m/s²; position RMSE in m not to exceed
 CASES = {
-    "drone-3d": (15.0, 5.0, 6.0),
+    "drone-3d": (15.0, 5.0, 9.0),
     "fdoa": (15.0, 2.0, 6.0),
     "outliers": (15.0, 3.0, 8.0),
     "sample": (30.0, 3.0, 15.0),
     "source-a": (1000.0, 10.0, 1500.0),
     "two-ships": (10.0, 0.1, 20.0),
 }
+SCANS = 450
 MODES = (Static(psd=0.01), ConstantVelocity(psd=0.1), ConstantAcceleration(psd=1.0))
 
 
@@ -42,13 +43,15 @@ def test_the_shipped_names() -> None:
     assert simulate.scenarios() == tuple(CASES)
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_every_scenario_can_be_tracked(name: str) -> None:
+@pytest.mark.parametrize("name", [name for name in CASES if name != "sample"])
+def test_every_other_scenario_can_be_tracked(name: str) -> None:
     velocity, acceleration, limit = CASES[name]
     recording = simulate.simulate(simulate.load(name))
     assert recording.targets == tuple(t.name for t in simulate.load(name).targets)
     for target in recording.targets:
-        measurement, times, values, pairs = recording.scans(target).part(slice(0, 600))
+        scans = recording.scans(target)
+        every = -(-scans.count // SCANS)  # every one, or every third of the long flight
+        measurement, times, values, pairs = scans.part(slice(None, None, every))
         imm = IMM(bank(velocity, acceleration), measurement, robust="gate")
         track = imm.run(times, values, pairs=pairs)
         assert np.all(np.isfinite(track.mean))
@@ -113,8 +116,10 @@ def test_the_sample_is_small_and_complete() -> None:
 def test_on_the_sample_the_bank_beats_each_of_its_models() -> None:
     recording = read(SAMPLE)
     measurement, times, values, _ = recording.scans()
-    track = IMM(bank(30.0, 3.0), measurement).run(times, values)
+    velocity, acceleration, limit = CASES["sample"]
+    track = IMM(bank(velocity, acceleration), measurement).run(times, values)
     together = position_rmse(track, recording, "helicopter")
+    assert together < limit
     for model in MODES:
         alone = IMM(Bank([model]), measurement).run(times, values)
         assert together < 0.75 * position_rmse(alone, recording, "helicopter")

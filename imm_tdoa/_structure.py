@@ -1,4 +1,4 @@
-"""TOML tables to frozen classes: every fault with its exact place, nothing silently coerced."""
+"""TOML to frozen attrs classes: every fault with its exact place, nothing silently coerced."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
 
 import attrs
@@ -20,17 +21,33 @@ from cattrs.gen import make_dict_structure_fn
 
 T = TypeVar("T")
 
+_TOML_PLACE = re.compile(r"^(.*) \(at (?:line (\d+), column (\d+)|(end of document))\)$")
 _OWN_PLACE = re.compile(r"[a-z]\w*(\[\d+\]|\.\w+)*: ")
+_MANY = {float: "numbers", int: "whole numbers", str: "texts in quotes"}
+
+
+def read(path: Path) -> str:
+    """Return the text of a file, or raise ``file:line: what`` where it is no UTF-8."""
+    try:
+        return path.read_text("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise ValueError(f"{path.name}:{line}: expected UTF-8 text: {error.reason}") from error
 
 
 def parse(text: str, file: str) -> dict[str, Any]:
-    """Return the tables of TOML `text`, or raise ``file:line: column: what``."""
+    """Return the tables of TOML `text`, or raise ``file:line:column: what``."""
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        found = re.search(r"^(.*) \(at line (\d+), column (\d+)\)$", str(error))
-        where = f"{file}: {error}" if found is None else f"{file}:{found[2]}:{found[3]}: {found[1]}"
-        raise ValueError(where) from error
+    except ValueError as error:
+        found = _TOML_PLACE.match(str(error))
+        if found is None:
+            raise ValueError(f"{file}: {error}") from error
+        what, line, column, end = found.groups()
+        if end:
+            line = text.rstrip().count("\n") + 1
+            raise ValueError(f"{file}:{line}: {what} (at the end of the file)") from error
+        raise ValueError(f"{file}:{line}:{column}: {what}") from error
 
 
 def structure(table: Mapping[str, Any], cls: type[T], file: str) -> T:
@@ -54,7 +71,7 @@ def structure(table: Mapping[str, Any], cls: type[T], file: str) -> T:
     try:
         return _CONVERTER.structure(table, cls)
     except BaseValidationError as error:
-        raise ValueError(f"{file}: {first_fault(error)}") from error
+        raise ValueError(f"{file}: {_first_fault(error)}") from error
 
 
 def near(word: str, words: Iterable[str]) -> str:
@@ -63,14 +80,15 @@ def near(word: str, words: Iterable[str]) -> str:
     return f" (did you mean {found[0]!r}?)" if found else ""
 
 
-def first_fault(error: BaseException, place: str = "") -> str:
+def _first_fault(error: BaseException, place: str = "") -> str:
     """Return the first thing wrong, with its place below `place`."""
     if isinstance(error, IterableValidationError | ClassValidationError):
         noted, plain = error.group_exceptions()
         if plain:  # the class as a whole: unknown keys and what its own validators refused
-            return first_fault(plain[0], place) if _structural(plain[0]) else _join(place, plain[0])
+            first = plain[0]
+            return _first_fault(first, place) if _structural(first) else _join(place, first)
         inner, note = noted[0]
-        return first_fault(inner, place + _step(error, note, place))
+        return _first_fault(inner, place + _step(error, note, place))
     if isinstance(error, ForbiddenExtraKeysError):
         key = min(error.extra_fields)
         known = [a.name for a in attrs.fields(error.cl)]
@@ -130,11 +148,18 @@ def _a_list(wanted: Any, converter: BaseConverter) -> Callable[[Any, Any], Any]:
 
     def hook(value: Any, _: Any) -> Any:
         if not isinstance(value, list):
-            expected = "tables in double brackets" if attrs.has(item_type) else "a list"
-            raise ValueError(f"expected {expected}, got {value!r}")
+            raise ValueError(f"expected {_list_of(item_type)}, got {value!r}")
         return tuple(_each(enumerate(value), item, item_type))
 
     return hook
+
+
+def _list_of(item: Any) -> str:
+    if attrs.has(item) or get_origin(item) is Mapping:
+        return "tables in double brackets"
+    if get_origin(item) is tuple:
+        return f"a list of lists of {_MANY.get(get_args(item)[0], 'values')}"
+    return f"a list of {_MANY.get(item, 'values')}"
 
 
 def _a_mapping(wanted: Any, converter: BaseConverter) -> Callable[[Any, Any], Any]:
