@@ -84,7 +84,5 @@ bank = Bank([DampedVelocity(psd=0.5, tau=20.0), ConstantVelocity(psd=0.01)], mea
 imm = IMM(bank, TDOA(stations, toa_sigma=30e-9))
 state = imm.start(0.0, mean=[2_000.0, 3_000.0], covariance=np.diag([1e4, 1e4]))
 state = imm.step(state, 1.0, np.zeros(3) * np.nan)  # nothing heard: the prediction
-shares = ", ".join(
-    f"{n} {p:.2f}" for n, p in zip(state.modes, state.mode_probability, strict=True)
-)
+shares = ", ".join(f"{n} {p:.2f}" for n, p in zip(state.modes, state.mode_probability, strict=True))
 print(f"\nafter 1 s without a measurement: {shares}")

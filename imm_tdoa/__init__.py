@@ -19,7 +19,17 @@ if TYPE_CHECKING:
     from imm_tdoa import bounds, locate, metrics, plot, recording, simulate, testing
     from imm_tdoa.recording import Recording
 
-_LAZY = ("bounds", "locate", "metrics", "models", "plot", "recording", "simulate", "testing")
+_LAZY = (
+    "bankfile",
+    "bounds",
+    "locate",
+    "metrics",
+    "models",
+    "plot",
+    "recording",
+    "simulate",
+    "testing",
+)
 
 __version__ = "0.1.0"
 __all__ = [

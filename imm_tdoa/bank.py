@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 import attrs
 import numpy as np
-from scipy.linalg import expm
 
 from imm_tdoa import _validate, registry
 from imm_tdoa.contract import Array, MotionModel
@@ -19,6 +18,8 @@ MIXING = ("birth", "unbiased", "zero")
 
 
 def _models(models: Iterable[MotionModel]) -> tuple[MotionModel, ...]:
+    if not isinstance(models, Iterable):
+        raise ValueError(f"models: expected a sequence of motion models, got {models!r}")
     result = tuple(models)
     if not result:
         raise ValueError("models: expected at least one motion model, got none")
@@ -88,7 +89,7 @@ class Bank:
         put("prior", _stochastic("prior", prior, (r,)))
         if self.mixing not in MIXING:
             raise ValueError(f"mixing: expected one of {', '.join(MIXING)}, got {self.mixing!r}")
-        put("birth_std", _birth(self.birth_std or {}, self.models))
+        put("birth_std", _birth(self.birth_std, self.models))
         put("names", _names(self.names, self.models))
 
     def __len__(self) -> int:
@@ -108,12 +109,7 @@ class Bank:
             return np.ones((*dt.shape, 1, 1))
         if self.transition is not None:
             return np.where(dt[..., None, None] > 0.0, self.transition, np.eye(r))
-        steps, inverse = np.unique(dt, return_inverse=True)
-        Pi = expm(self.generator() * steps[:, None, None])
-        Pi = np.maximum(Pi, 0.0)
-        Pi = np.where(steps[:, None, None] > 0.0, Pi / Pi.sum(axis=-1, keepdims=True), np.eye(r))
-        result: Array = Pi[inverse.reshape(dt.shape)]
-        return result
+        return _exponential(self.generator(), dt)
 
     def generator(self) -> Array:
         """Return the generator (r, r), 1/s: rows sum to zero, leave rate 1/mean_sojourn."""
@@ -124,6 +120,31 @@ class Bank:
         off = (np.ones((r, r)) - np.eye(r)) / max(r - 1, 1)
         result: Array = leave[:, None] * (off - np.eye(r))
         return result
+
+
+def _exponential(generator: Array, dt: Array) -> Array:
+    """Return exp(generator dt) (..., r, r) for every dt (...) s; no entry is ever negative.
+
+    Uniformisation (Jensen 1953): with the largest leave rate q the generator is q (J - I), J
+    stochastic, and the exponential a Poisson mixture of powers of J. A step of more than one
+    expected jump is halved until it is short, and its matrix squared back.
+    """
+    eye = np.eye(len(generator))
+    rate = -np.diag(generator).min()
+    J = eye + generator / rate if rate > 0.0 else eye
+    jumps = rate * dt[..., None, None]
+    halvings = np.ceil(np.log2(np.maximum(jumps, 1.0)))
+    jumps = jumps / 2.0**halvings
+    weight, power = np.exp(-jumps), eye
+    Pi = weight * power
+    for k in range(1, 18):  # 1/18! is below rounding
+        weight, power = weight * jumps / k, power @ J
+        Pi = Pi + weight * power
+    for h in range(int(np.max(halvings, initial=0.0))):
+        Pi = np.where(h < halvings, Pi @ Pi, Pi)
+        Pi = Pi / Pi.sum(axis=-1, keepdims=True)
+    result: Array = Pi / Pi.sum(axis=-1, keepdims=True)
+    return result
 
 
 def _stochastic(name: str, value: Any, shape: tuple[int, ...]) -> Array:
@@ -152,8 +173,13 @@ def _sojourn(value: Any, r: int) -> Array:
     return times
 
 
-def _birth(given: Mapping[str, float], models: tuple[MotionModel, ...]) -> dict[str, float]:
-    components = set()
+def _birth(given: object, models: tuple[MotionModel, ...]) -> dict[str, float]:
+    if not isinstance(given, Mapping):
+        raise ValueError(
+            f"birth_std: expected a mapping of standard deviations by kind or component, "
+            f"got {given!r}"
+        )
+    components: set[str] = set()
     for model in models:
         for dims in (1, 2, 3):
             with suppress(ValueError):  # a model need not exist in every number of dimensions

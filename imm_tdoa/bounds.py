@@ -10,6 +10,7 @@ from imm_tdoa import gaussian, registry
 from imm_tdoa._validate import array
 from imm_tdoa.contract import Array, MeasurementModel
 from imm_tdoa.geometry import ranges
+from imm_tdoa.locate.normal import inverse
 from imm_tdoa.stations import Stations
 
 
@@ -73,16 +74,15 @@ def crlb(
     information = fisher_information(measurement, p, v, time)
     if velocity is None:
         information = information[..., : stations.dims, : stations.dims]
-    scale = np.sqrt(np.einsum("...ii->...i", information))
-    unit = information / np.where(scale > 0.0, scale, 1.0)[..., :, None]
-    unit = unit / np.where(scale > 0.0, scale, 1.0)[..., None, :]
-    if np.any(scale == 0.0) or np.any(np.linalg.cond(unit) > 1e12):
+    result, regular = inverse(information)
+    if not np.all(regular):
+        where = np.broadcast_to(p, (*regular.shape, stations.dims))[~regular][0]
         raise ValueError(
-            f"stations: these {len(stations)} stations do not determine the position there "
-            f"(too few of them, or in line or in plane with the emitter)"
+            f"stations: these {len(stations)} stations do not determine the position of an "
+            f"emitter at {where.tolist()} (too few of them hear it, or they stand in a line or "
+            f"plane with it)"
         )
-    result: Array = np.linalg.inv(unit) / (scale[..., :, None] * scale[..., None, :])
-    return gaussian.symmetric(result)
+    return result
 
 
 def fisher_information(
@@ -97,8 +97,7 @@ def fisher_information(
     H = np.concatenate(measurement.jacobian(position, velocity, time), axis=-1)
     batch = H.shape[:-2]
     R = np.broadcast_to(R, (*batch, *R.shape[-2:]))
-    present = np.isfinite(H).all(axis=-1)
-    present = measurement.independent(present)
+    present = measurement.independent(np.asarray(np.isfinite(H).all(axis=-1)))
     variance = np.einsum("...ii->...i", R)
     T, left = gaussian.offset_contrast(variance, present, measurement.offset_group)
     both = present[..., :, None] & present[..., None, :]
@@ -127,12 +126,10 @@ def gdop(stations: Stations, positions: Any, *, time: float = 0.0) -> Array:
         When, for moving stations, s.
     """
     p = array("positions", positions, (None, stations.dims))
-    where = stations.at(time)[0]
-    heard = np.isfinite(where).all(axis=-1)
-    _, u = ranges(p, where[heard])
-    u = u - u.mean(axis=-2, keepdims=True)
-    information = np.swapaxes(u, -1, -2) @ u
-    w = np.linalg.eigvalsh(information)
-    regular = w[..., 0] > 1e-12
-    inverse = np.where(regular[..., None], 1.0 / np.where(regular[..., None], w, 1.0), np.inf)
-    return np.sqrt(np.sum(inverse, axis=-1))
+    s, _ = stations.at(time)
+    heard = np.asarray(np.isfinite(s).all(axis=-1))
+    _, u = ranges(p, s[heard])
+    u = u - np.sum(u, axis=-2, keepdims=True) / max(np.count_nonzero(heard), 1)
+    C, regular = inverse(np.swapaxes(u, -1, -2) @ u)
+    result: Array = np.sqrt(np.where(regular, np.einsum("...ii->...", C), np.inf))
+    return result

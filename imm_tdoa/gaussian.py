@@ -79,7 +79,7 @@ def mask_rows(nu: Array, H: Array, R: Array, present: Mask) -> tuple[Array, Arra
 def factor(S: Array, what: str = "innovation covariance") -> Array:
     """Return the lower Cholesky factor of S (..., m, m), or say which covariance failed."""
     try:
-        return np.linalg.cholesky(S)
+        return np.asarray(np.linalg.cholesky(S), dtype=np.float64)
     except np.linalg.LinAlgError as error:
         raise ValueError(f"{what}: not positive definite") from error
 

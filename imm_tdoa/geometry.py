@@ -41,8 +41,7 @@ def difference(rows: Array, pairs: Index, axis: int = -1) -> Array:
     `axis` counts from the end: -1 for rows (..., S), -2 for rows (..., S, d).
     """
     if pairs.ndim == 2:
-        taken = np.take(rows, pairs, axis=axis)  # (..., m, 2[, d])
-        return np.take(taken, 0, axis=axis) - np.take(taken, 1, axis=axis)
+        return np.take(rows, pairs[:, 0], axis=axis) - np.take(rows, pairs[:, 1], axis=axis)
     station, reference = pairs[..., 0], pairs[..., 1]
     for _ in range(-axis - 1):
         station, reference = station[..., None], reference[..., None]
@@ -51,7 +50,8 @@ def difference(rows: Array, pairs: Index, axis: int = -1) -> Array:
 
     def take(index: Index) -> Array:
         shape = batch + index.shape[pairs.ndim - 2 :]
-        return np.take_along_axis(rows, np.broadcast_to(index, shape), axis=axis)
+        taken: Array = np.take_along_axis(rows, np.broadcast_to(index, shape), axis=axis)
+        return taken
 
     return take(station) - take(reference)
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import attrs
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
-from imm_tdoa import _validate, gaussian, initiation, mixture, observation
+from imm_tdoa import _validate, gaussian, initiation, mixture, observation, update
 from imm_tdoa.bank import Bank
-from imm_tdoa.contract import AXES, Array, Index, MeasurementModel, MotionModel
+from imm_tdoa.contract import AXES, Array, Index, Mask, MeasurementModel, MotionModel
 from imm_tdoa.scans import Scans
 from imm_tdoa.state import State
 from imm_tdoa.statespace import StateSpace, apply_lift, lift
@@ -28,12 +28,14 @@ class IMM:
         The motion models and the chain between them.
     measurement : MeasurementModel
         What is measured; its stations fix the number of space dimensions.
-    update : "ekf"
-        How a mode takes in a measurement: extended Kalman filter.
+    update : "ekf" or "iekf"
+        How a mode takes in a measurement: extended Kalman filter, or iterated: linearised where
+        the posterior is, for predictions so diffuse that the measurement bends over them.
     robust : None or "gate"
         ``"gate"``: rows that contradict the bank's prediction are left out, judged by a
         chi-square test of the mixture innovation, row by row with correlations (data snooping),
-        and alike in every mode. A row left out never shrinks a covariance.
+        and alike in every mode. A row left out never shrinks a covariance; it enters the
+        log-likelihood as if it lay on the gate, so that banks can be compared.
     gate_probability : float
         Probability that a good row passes the gate.
 
@@ -43,20 +45,22 @@ class IMM:
     >>> track = imm.run(times, values)
     """
 
-    bank: Bank = attrs.field(validator=attrs.validators.instance_of(Bank))
+    bank: Bank
     measurement: MeasurementModel
-    update: Literal["ekf"] = attrs.field(default="ekf", kw_only=True)
+    update: Literal["ekf", "iekf"] = attrs.field(default="ekf", kw_only=True)
     robust: Literal["gate"] | None = attrs.field(default=None, kw_only=True)
     gate_probability: float = attrs.field(default=0.999, kw_only=True)
 
     def __attrs_post_init__(self) -> None:
+        if not isinstance(self.bank, Bank):
+            raise ValueError(f"bank: expected a Bank, got {self.bank!r}")
         if isinstance(self.measurement, type) or not isinstance(self.measurement, MeasurementModel):
             raise ValueError(f"measurement: no measurement model: {self.measurement!r}")
-        if self.update != "ekf":
-            raise ValueError(f"update: expected 'ekf', got {self.update!r}")
+        if self.update not in ("ekf", "iekf"):
+            raise ValueError(f"update: expected 'ekf' or 'iekf', got {self.update!r}")
         if self.robust not in (None, "gate"):
             raise ValueError(f"robust: expected None or 'gate', got {self.robust!r}")
-        if not 0.0 < self.gate_probability < 1.0:
+        if not _validate.positive("gate_probability", self.gate_probability) < 1.0:
             raise ValueError(
                 f"gate_probability: expected a probability between 0 and 1, "
                 f"got {self.gate_probability!r}"
@@ -86,7 +90,13 @@ class IMM:
         covariance : (..., n, n)
             Covariance of `mean`.
         components : sequence of str, optional
-            Names of the components given, positions first.
+            Names of the components given, in their order; the position must be among them.
+
+        Raises
+        ------
+        ValueError
+            Wrong lengths, unknown or repeated components, numbers that are not finite, a
+            covariance that is not symmetric positive semi-definite.
         """
         space = self.space
         mean = _validate.array("mean", mean, (None, "n"))
@@ -99,14 +109,16 @@ class IMM:
                 )
             components = AXES[:n] if n == space.dims else space.components
         components = tuple(components)
-        unknown = [c for c in components if c not in space.components]
-        if len(components) != n or unknown or not set(AXES[: space.dims]) <= set(components):
+        given = set(components)
+        fit = set(AXES[: space.dims]) <= given <= set(space.components)
+        if not fit or len(given) != len(components) or len(components) != n:
             raise ValueError(
                 f"components: expected {n} of {', '.join(space.components)}, the position among "
                 f"them, got {components}"
             )
         P = _validate.covariance("covariance", covariance, n)
-        batch = np.broadcast_shapes(mean.shape[:-1], P.shape[:-2], np.shape(time))
+        time = _validate.array("time", time)
+        batch = _batch(mean=mean.shape[:-1], covariance=P.shape[:-2], time=time.shape)
         mean = np.broadcast_to(mean, (*batch, n))
         P = np.broadcast_to(P, (*batch, n, n))
         parts = [
@@ -116,7 +128,7 @@ class IMM:
         with np.errstate(divide="ignore"):
             log_p = np.broadcast_to(np.log(self.bank.prior), (*batch, len(self.bank)))
         return State(
-            time=_validate.array("time", time),
+            time=time,
             means=tuple(x for x, _ in parts),
             covariances=tuple(c for _, c in parts),
             log_mode_probability=log_p,
@@ -155,18 +167,27 @@ class IMM:
         ValueError
             A time before the state's, infinite values, a wrong number of rows.
         """
+        self._refuse_foreign("state", state)
         measurement = self.measurement if measurement is None else measurement
         if pairs is not None:
             measurement = measurement.with_pairs(pairs)
+        if measurement.dims != state.space.dims:
+            raise ValueError(
+                f"measurement: expected one in {state.space.dims} dimensions, "
+                f"got {measurement.dims}"
+            )
         z = _validate.array("values", values, (None, measurement.size), finite=False)
         time = _validate.array("time", time)
+        _batch(state=state.log_likelihood.shape, time=time.shape, values=z.shape[:-1])
+        _refuse_backwards("time", "state", state.time, time)
         dt = time - state.time
-        if np.any(dt < 0.0):
-            raise ValueError(
-                f"time: expected a time at or after the state's, {np.max(state.time):g} s, "
-                f"got {np.min(time):g} s"
-            )
         return self._advance(state, time, dt, self.bank.chain(dt), z, measurement)
+
+    def _refuse_foreign(self, name: str, state: State) -> None:
+        if not isinstance(state, State) or state.space.modes != self.space.modes:
+            raise ValueError(
+                f"{name}: expected a state of this bank's modes, as IMM.start makes it"
+            )
 
     def _advance(
         self,
@@ -180,7 +201,14 @@ class IMM:
         x, P, log_c = mix(state, chain, self.bank.mixing)
         x, P = predict(self.bank.models, x, P, dt, state.space.dims)
         batch = np.broadcast_shapes(log_c.shape[:-1], z.shape[:-1], time.shape)
-        state = attrs.evolve(state, time=time, means=x, covariances=P, log_mode_probability=log_c)
+        state = attrs.evolve(
+            state,
+            time=time,
+            means=x,
+            covariances=P,
+            log_mode_probability=log_c,
+            log_likelihood=np.broadcast_to(state.log_likelihood, batch),
+        )
         if not np.any(np.isfinite(z)):
             dof = np.zeros(batch, dtype=np.int64)
             return attrs.evolve(state, nis=np.full(batch, np.nan), nis_dof=dof)
@@ -191,18 +219,20 @@ class IMM:
     ) -> State:
         """Update each mode with the scan `z` and weigh the modes by how well they foresaw it."""
         space, P, log_c = state.space, state.covariances, state.log_mode_probability
-        seen = observation.observe(
-            measurement, state.means, space.position, space.velocity, state.time, z
-        )
-        c = np.exp(log_c)
+
+        def look(x: Sequence[Array]) -> observation.Observation:
+            return observation.observe(
+                measurement, x, space.position, space.velocity, state.time, z
+            )
+
+        seen = look(state.means)
+        c, dropped = np.exp(log_c), np.zeros(batch)
         if self.robust == "gate":
-            threshold = float(chi2.ppf(self.gate_probability, 1))
-            seen = observation.gated(seen, c, P, threshold)
-        seen = observation.without_offsets(seen)
-        updates = [
-            gaussian.update(xj, Pj, nu, H, R, seen.present)
-            for xj, Pj, nu, H, R in zip(state.means, P, seen.nu, seen.H, seen.R, strict=True)
-        ]
+            seen, dropped = self._gate(state, measurement, z, seen)
+        if self.update == "ekf":
+            seen, updates = update.extended(seen, state.means, P)
+        else:
+            seen, updates = self._iterate(state, measurement, z, look, seen)
         log_joint = log_c + np.stack([u.log_likelihood for u in updates], axis=-1)
         log_p, log_L = mixture.normalise(log_joint)
         if not np.all(np.isfinite(log_L)):
@@ -219,10 +249,52 @@ class IMM:
             means=tuple(u.x for u in updates),
             covariances=tuple(u.P for u in updates),
             log_mode_probability=log_p,
-            log_likelihood=state.log_likelihood + log_L,
+            log_likelihood=state.log_likelihood + log_L + dropped,
             nis=nis,
             nis_dof=dof,
         )
+
+    def _iterate(
+        self,
+        state: State,
+        measurement: MeasurementModel,
+        z: Array,
+        look: Callable[[Sequence[Array]], observation.Observation],
+        seen: observation.Observation,
+    ) -> tuple[observation.Observation, list[gaussian.Update]]:
+        """Iterated update; where the prediction was far off it begins at the scan's own fix."""
+        x, P, space = state.means, state.covariances, state.space
+        rows = observation.usable_rows(z)
+
+        def elsewhere(lost: Mask) -> list[Array] | None:
+            kept = np.full((*lost.shape, z.shape[-1]), np.nan)
+            kept[..., rows] = np.where(seen.present & lost[..., None], z[..., rows], np.nan)
+            std = initiation.velocity_std(self.bank, space)
+            return update.at_own_fix(measurement, state.time, kept, x, P, space.position, std)
+
+        return update.iterated(look, seen, x, P, elsewhere)
+
+    def _gate(
+        self,
+        state: State,
+        measurement: MeasurementModel,
+        z: Array,
+        seen: observation.Observation,
+    ) -> tuple[observation.Observation, Array]:
+        """Return `seen` without the rows that the gate drops, and their log-density (...)."""
+        space, P = state.space, state.covariances
+        c = np.exp(state.log_mode_probability)
+        threshold = chdtri(1.0, 1.0 - self.gate_probability)  # chi-square quantile
+        judged = seen
+        if self.update == "iekf":
+            judged = update.curvature(
+                measurement, state.means, P, space.position, space.velocity, state.time, z, seen
+            )
+        kept = observation.gated(judged, c, P, threshold)
+        if np.array_equal(kept.present, seen.present):
+            return seen, np.zeros(state.log_likelihood.shape)
+        dropped = observation.dropped_log_density(judged, kept, c, P, threshold)
+        return attrs.evolve(seen, present=kept.present), dropped
 
     def run(
         self,
@@ -267,12 +339,10 @@ class IMM:
         if start is None:
             state, first = initiation.start_from_scans(self, scans)
         else:
+            self._refuse_foreign("start", start)
+            _batch(start=start.log_likelihood.shape, times_and_values=scans.batch)
+            _refuse_backwards("times", "start", start.time, scans.times[..., 0])
             state, first = start, np.full(start.log_likelihood.shape, -1)
-            if np.any(scans.times[..., 0] < start.time):
-                raise ValueError(
-                    f"times: expected times at or after the start's, {np.max(start.time):g} s, "
-                    f"got {np.min(scans.times):g} s"
-                )
         return self._run(scans, state, first)
 
     def _run(self, scans: Scans, state: State, first: Index) -> Track:
@@ -305,6 +375,25 @@ class IMM:
         track = Track.from_states(states, scans.times[..., rows])
         absent = np.arange(max(begin, 0), scans.count) < first[..., None]
         return track.blanked(absent) if np.any(absent) else track
+
+
+def _batch(**shapes: tuple[int, ...]) -> tuple[int, ...]:
+    """Return what the batch axes of the named arguments broadcast to, or raise."""
+    try:
+        return np.broadcast_shapes(*shapes.values())
+    except ValueError:
+        text = ", ".join(f"{name.replace('_', ' ')} {shape}" for name, shape in shapes.items())
+        raise ValueError(f"batch axes do not fit together: {text}") from None
+
+
+def _refuse_backwards(name: str, of: str, before: Array, after: Array) -> None:
+    before, after = np.broadcast_arrays(before, after)
+    back = after < before
+    if np.any(back):
+        raise ValueError(
+            f"{name}: expected a time at or after the {of}'s, {before[back][0]:g} s, "
+            f"got {after[back][0]:g} s"
+        )
 
 
 def mix(

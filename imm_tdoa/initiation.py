@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import attrs
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
+from imm_tdoa import gaussian, observation
 from imm_tdoa.contract import AXES, Array, Index, Mask, component_names
 from imm_tdoa.locate.fix import Fix
 from imm_tdoa.locate.gauss_newton import fix_scans
 from imm_tdoa.scans import Scans
 from imm_tdoa.state import State
-from imm_tdoa.statespace import lift
+from imm_tdoa.statespace import StateSpace, lift
 
 if TYPE_CHECKING:
+    from imm_tdoa.bank import Bank
     from imm_tdoa.imm import IMM
 
 CONTRADICTION = 0.999  # a fix whose chi2 lies beyond this quantile is not begun from
@@ -29,7 +32,8 @@ def start_from_scans(imm: IMM, scans: Scans) -> tuple[State, Index]:
     the latest scans are gathered, explained by a straight motion whose velocity has the bank's
     birth law, until they determine a position well enough for an extended Kalman filter to go
     on from. Scans that contradict each other, or that two places explain equally well, are
-    waited on.
+    waited on; but of two places that are mirror images in the plane of receivers on the ground
+    the upper one is taken.
 
     Raises
     ------
@@ -39,22 +43,21 @@ def start_from_scans(imm: IMM, scans: Scans) -> tuple[State, Index]:
     space = imm.space
     d = space.dims
     names = component_names(d, 1)[d:]
-    moving = names[0] in space.components
-    std = np.sqrt(lift(AXES[:d], (*AXES[:d], *names), imm.bank.birth_std).birth_variance)
-    velocity_std = std if moving else None
+    birth_std = velocity_std(imm.bank, space)
+    moving = birth_std is not None
     n = 2 * d if moving else d
     mean, covariance = np.zeros((*scans.batch, n)), np.zeros((*scans.batch, n, n))
     last = np.zeros(scans.batch, dtype=np.int64)
     ready = np.zeros(scans.batch, dtype=bool)
     if not np.isnan(scans.values[..., 0, :]).all():
         opening = scans.part(slice(0, 1))
-        if _rows(opening).min() >= d:
-            fix = _fix(opening, moving, velocity_std)
+        if np.any(_rows(opening) >= d):
+            fix = _fix(opening, moving, birth_std)
             ready = _usable(opening, fix, spare=0)
             mean, covariance = _estimate(fix)
     for index in np.ndindex(scans.batch):
         if not ready[index]:
-            fix, k = _gather(scans.of_target(index), moving, velocity_std)
+            fix, k = _gather(scans.of_target(index), moving, birth_std)
             mean[index], covariance[index] = _estimate(fix)
             last[index] = k
     times = np.broadcast_to(scans.times, (*scans.batch, scans.count))
@@ -63,6 +66,14 @@ def start_from_scans(imm: IMM, scans: Scans) -> tuple[State, Index]:
     if np.all(last == last.flat[0]) and scans.times.ndim == 1:
         time = scans.times[last.flat[0]]
     return imm.start(time, mean, covariance, components), last
+
+
+def velocity_std(bank: Bank, space: StateSpace) -> Array | None:
+    """Standard deviations (d,) of the birth law's velocity, m/s; None where nothing moves."""
+    names = component_names(space.dims, 1)
+    if names[-1] not in space.components:
+        return None
+    return np.sqrt(lift(names[: space.dims], names, bank.birth_std).birth_variance)
 
 
 def _gather(scans: Scans, moving: bool, velocity_std: Array | None) -> tuple[Fix, int]:
@@ -75,7 +86,7 @@ def _gather(scans: Scans, moving: bool, velocity_std: Array | None) -> tuple[Fix
             continue
         for first in _windows(rows[: k + 1], d):
             window = scans.part(slice(first, k + 1))
-            fix = _fix(window, moving, velocity_std)
+            fix = _above_ground(window, _fix(window, moving, velocity_std), velocity_std)
             if _usable(window, fix, spare=0 if first == k else 1):
                 return fix, k
             why = _reason(window, fix)
@@ -96,6 +107,29 @@ def _windows(rows: Index, d: int) -> list[int]:
     return list(dict.fromkeys([*alone, len(rows) - enough, longest]))
 
 
+def _above_ground(scans: Scans, fix: Fix, velocity_std: Array | None) -> Fix:
+    """Settle a fix (one target) whose rival is its mirror image in the stations' plane.
+
+    Receivers on the ground cannot tell above from below; emitters are above. Other rivals stay.
+    """
+    if fix.mirror is None or scans.measurement.dims < 3:
+        return fix
+    where = scans.together().anchors(scans.times, np.isfinite(scans.values)).reshape(-1, 3)
+    where = where[np.isfinite(where).all(axis=-1)]
+    centre = where.mean(axis=0)
+    normal = np.linalg.svd(where - centre)[2][-1]
+    apart = fix.position - fix.mirror
+    across = abs(normal @ apart)
+    middle = abs(normal @ (0.5 * (fix.position + fix.mirror) - centre))
+    if across < 0.9 * np.linalg.norm(apart) or middle > 0.1 * across or abs(normal[2]) < 0.7:
+        return fix
+    if apart[2] > 0.0:
+        return attrs.evolve(fix, mirror=None)
+    return fix_scans(
+        scans, moving=fix.velocity is not None, velocity_std=velocity_std, initial=fix.mirror
+    )
+
+
 def _fix(scans: Scans, moving: bool, velocity_std: Array | None) -> Fix:
     return fix_scans(scans, moving=moving, velocity_std=velocity_std)
 
@@ -105,7 +139,7 @@ def _rows(scans: Scans) -> Index:
     present = np.isfinite(scans.values)
     present = scans.together().independent(present)
     group = scans.measurement.offset_group
-    rows = np.count_nonzero(present, axis=-1)
+    rows: Index = np.count_nonzero(present, axis=-1)
     for g in np.unique(group[group >= 0]):
         rows = rows - np.any(present & (group == g), axis=-1)
     return rows
@@ -114,7 +148,7 @@ def _rows(scans: Scans) -> Index:
 def _usable(scans: Scans, fix: Fix, spare: int) -> Mask:
     """Whether a filter may begin at the fix (...): determined, uncontradicted, unrivalled."""
     enough = np.asarray(fix.converged) & (fix.dof >= spare)
-    agrees = (fix.dof == 0) | (fix.chi2 <= chi2.ppf(CONTRADICTION, np.maximum(fix.dof, 1)))
+    agrees = (fix.dof == 0) | (fix.chi2 <= chdtri(np.maximum(fix.dof, 1), 1.0 - CONTRADICTION))
     alone = True if fix.mirror is None else np.isnan(fix.mirror).all(axis=-1)
     good = enough & agrees & alone
     if np.any(good):
@@ -123,38 +157,42 @@ def _usable(scans: Scans, fix: Fix, spare: int) -> Mask:
 
 
 def _bending(scans: Scans, fix: Fix) -> Array:
-    """Largest second-order term (...) of any row over one sigma of the fix, in row sigmas.
+    """Second-order term (...) of the last scan over one sigma of the fix, in sigmas of the scan.
 
     Beyond about one the measurement is not straight over the fix's uncertainty and an extended
-    Kalman filter would be misled.
+    Kalman filter would be misled. The whole scan is judged by its covariance, shared offsets
+    eliminated, so that it does not matter which station is the reference.
     """
     d = scans.measurement.dims
-    known = np.isfinite(fix.covariance).all(axis=(-2, -1))
+    known = np.asarray(np.isfinite(fix.covariance).all(axis=(-2, -1)))
     P = np.where(known[..., None, None], fix.covariance, np.eye(fix.covariance.shape[-1]))
     w, V = np.linalg.eigh(P[..., :d, :d])
     reach = (np.sqrt(np.maximum(w, 0.0))[..., None, :] * V).swapaxes(-1, -2)  # (..., d, d)
-    place = np.where(known[..., None], fix.position, 0.0)
-    speed = np.zeros_like(place) if fix.velocity is None else fix.velocity
+    place = np.where(known[..., None], fix.position, 0.0)[..., None, :]
+    speed = np.zeros_like(place) if fix.velocity is None else fix.velocity[..., None, :]
     at = scans.part(slice(-1, None))
-    measurement, time = at.together(), at.times[..., -1:]
+    measurement, time = at.measurement, at.times[..., -1:]
+    if at.pairs is not None:
+        measurement = measurement.with_pairs(at.pairs)  # its time axis serves the d directions
 
     def values(shift: Array) -> Array:
-        p = place[..., None, :] + shift
-        v = np.broadcast_to(speed[..., None, :], p.shape)
-        model = (
-            measurement
-            if at.pairs is None
-            else at.measurement.with_pairs(at.pairs[..., 0, :, :][..., None, :, :])
-        )
-        return model.predict(p, v, time)
+        p = place + shift
+        return measurement.predict(p, np.broadcast_to(speed, p.shape), time)
 
-    middle = values(np.zeros((1, d)))
-    bend = 0.5 * (values(reach) + values(-reach)) - middle  # (..., d, m)
-    R = measurement.noise_covariance(place[..., None, :], speed[..., None, :], time)
-    sigma = np.sqrt(np.einsum("...ii->...i", R))
-    present = np.isfinite(at.values[..., -1:, :])
-    bend = np.where(present, np.abs(bend) / sigma, 0.0)
-    return np.where(known, np.nanmax(bend, axis=(-2, -1)), np.inf)
+    bend = 0.5 * (values(reach) + values(-reach)) - values(np.zeros((1, d)))  # (..., d, m)
+    heard = np.isfinite(at.values) & np.isfinite(bend).all(axis=-2, keepdims=True)
+    seen = observation.without_offsets(
+        observation.Observation(
+            nu=(bend,),
+            H=(np.zeros((bend.shape[-1], d)),),
+            R=(measurement.noise_covariance(place, speed, time),),
+            present=measurement.independent(heard),
+            group=measurement.offset_group,
+        )
+    )
+    bend, _, R = gaussian.mask_rows(seen.nu[0], seen.H[0], seen.R[0], seen.present)
+    white = np.linalg.solve(gaussian.factor(R, "noise covariance"), bend[..., None])[..., 0]
+    return np.where(known, np.linalg.norm(white, axis=-1).max(axis=-1), np.inf)
 
 
 def _estimate(fix: Fix) -> tuple[Array, Array]:
@@ -164,7 +202,7 @@ def _estimate(fix: Fix) -> tuple[Array, Array]:
         if fix.velocity is None
         else np.concatenate([fix.position, fix.velocity], axis=-1)
     )
-    known = np.isfinite(fix.covariance).all(axis=(-2, -1))
+    known = np.asarray(np.isfinite(fix.covariance).all(axis=(-2, -1)))
     n = mean.shape[-1]
     covariance = np.where(known[..., None, None], fix.covariance, np.eye(n))
     return np.where(known[..., None], mean, 0.0), covariance
@@ -178,6 +216,6 @@ def _reason(scans: Scans, fix: Fix) -> str:
             f"two places explain the last scans: {np.round(fix.position, 1).tolist()} and "
             f"{np.round(fix.mirror, 1).tolist()}"
         )
-    if fix.dof > 0 and fix.chi2 > chi2.ppf(CONTRADICTION, fix.dof):
+    if fix.dof > 0 and fix.chi2 > chdtri(fix.dof, 1.0 - CONTRADICTION):
         return f"the last scans contradict each other, chi2 {fix.chi2:.3g} with {fix.dof} spare"
     return "the fixes are too uncertain"

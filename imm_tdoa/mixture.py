@@ -14,9 +14,10 @@ def normalise(log_weight: Array) -> tuple[Array, Array]:
     """
     top = np.max(log_weight, axis=-1, keepdims=True)
     top = np.where(np.isfinite(top), top, 0.0)
+    shifted = log_weight - top
     with np.errstate(divide="ignore"):
-        total = np.log(np.sum(np.exp(log_weight - top), axis=-1, keepdims=True)) + top
-    return log_weight - np.where(np.isfinite(total), total, 0.0), total[..., 0]
+        rest = np.log(np.sum(np.exp(shifted), axis=-1, keepdims=True))
+    return shifted - np.where(np.isfinite(rest), rest, 0.0), (rest + top)[..., 0]
 
 
 def moments(weight: Array, x: Array, P: Array) -> tuple[Array, Array]:

@@ -49,7 +49,7 @@ def observe(
     Rows that are NaN throughout the batch, or cannot be measured then, are cut out.
     """
     z = values * measurement.scale
-    rows = np.flatnonzero(np.isfinite(z).reshape(-1, z.shape[-1]).any(axis=0))
+    rows = usable_rows(z)
     z, angular = z[..., rows], measurement.angular[rows]
     nus, Hs, Rs = [], [], []
     present: Mask = np.isfinite(z)
@@ -71,6 +71,11 @@ def observe(
     every[..., rows] = present
     present = measurement.independent(every)[..., rows]
     return Observation(tuple(nus), tuple(Hs), tuple(Rs), present, measurement.offset_group[rows])
+
+
+def usable_rows(values: Array) -> Index:
+    """Indices of the rows of `values` (..., m) that are measured anywhere in the batch."""
+    return np.flatnonzero(np.isfinite(values).reshape(-1, values.shape[-1]).any(axis=0))
 
 
 def without_offsets(seen: Observation) -> Observation:
@@ -110,3 +115,25 @@ def gated(seen: Observation, weight: Array, P: Sequence[Array], threshold: float
     nu, S = mixture_innovation(seen, weight, P)
     present = gaussian.snoop(nu, S, seen.present, seen.group, threshold)
     return attrs.evolve(seen, present=present)
+
+
+def dropped_log_density(
+    seen: Observation, kept: Observation, weight: Array, P: Sequence[Array], threshold: float
+) -> Array:
+    """Log-density (...) of the rows dropped from `seen`, as if they lay on the gate.
+
+    Given the rows kept, k dropped rows of covariance C count as -(k (threshold + log 2 pi) +
+    log det C)/2, so that likelihoods of filters that drop different rows compare: dropping good
+    rows does not pay. log det C is the difference of the log-determinants of all rows and of
+    those kept, shared offsets eliminated from both.
+    """
+
+    def size(part: Observation) -> tuple[Array, Array]:
+        part = without_offsets(part)
+        _, S = mixture_innovation(part, weight, P)
+        diagonal = np.einsum("...ii->...i", gaussian.factor(S))
+        return 2.0 * np.sum(np.log(diagonal), axis=-1), np.count_nonzero(part.present, axis=-1)
+
+    (log_det, rows), (log_det_kept, rows_kept) = size(seen), size(kept)
+    price = (rows - rows_kept) * (threshold + gaussian.LOG_2PI)
+    return np.asarray(-0.5 * (price + log_det - log_det_kept))

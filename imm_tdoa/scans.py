@@ -14,7 +14,7 @@ from imm_tdoa.contract import Array, Index, MeasurementModel
 
 @attrs.frozen(eq=False)
 class Scans:
-    """A sequence of scans of one measurement model; unpacks as ``measurement, times, values, pairs``.
+    """Scans of one measurement model; unpacks as ``measurement, times, values, pairs``.
 
     Attributes
     ----------
@@ -42,17 +42,22 @@ class Scans:
         T = times.shape[-1]
         if T == 0:
             raise ValueError("times: expected at least one scan, got none")
-        if np.any(np.diff(times) < 0.0):
-            k = int(np.argwhere(np.diff(times) < 0.0)[0][-1])
-            a, b = times[..., k].min(), times[..., k + 1].min()
+        back = np.argwhere(np.diff(times) < 0.0)
+        if len(back):
+            *target, k = (int(i) for i in back[0])
+            before, after = times[(*target, slice(k, k + 2))]
             raise ValueError(
-                f"times: expected times that do not decrease, times[{k + 1}] = {b:g} s follows "
-                f"{a:g} s"
+                f"times: expected times that do not decrease, times[{k + 1}] = {after:g} s "
+                f"follows {before:g} s"
             )
         if pairs is not None:
-            pairs = np.asarray(pairs)
+            try:
+                pairs = np.asarray(pairs)
+            except ValueError as error:
+                raise ValueError(f"pairs: expected an array ({T}, m, 2), got {pairs!r}") from error
             if pairs.ndim < 3 or pairs.shape[-3] != T or pairs.shape[-1] != 2:
                 raise ValueError(f"pairs: expected shape ({T}, m, 2), got {pairs.shape}")
+            measurement.with_pairs(pairs)  # refuses what is wrong in any scan
             measurement = measurement.with_pairs(pairs[..., 0, :, :])
         values = _validate.array("values", values, (None, T, measurement.size), finite=False)
         try:

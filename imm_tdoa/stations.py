@@ -148,7 +148,6 @@ class Stations:
             velocity = (
                 slope + (1.0 - 2.0 * s) * ((1.0 - s) * a + s * b) / h + s * (1.0 - s) * (b - a) / h
             )
-            velocity = np.where(same[..., None], v0, velocity)
         position = np.where(same[..., None], p0, position)
         nan = np.where(heard, 0.0, np.nan)[..., None]
         return position + nan, velocity + nan
@@ -216,7 +215,10 @@ def pair_index(pairs: Any, stations: Stations | int) -> Index:
             f"pairs: expected 'reference', 'adjacent' or an array (m, 2) of "
             f"[station, reference], got {pairs!r}"
         )
-    index = np.asarray(pairs)
+    try:
+        index = np.asarray(pairs)
+    except ValueError as error:
+        raise ValueError(f"pairs: expected an array (..., m, 2), got {pairs!r}") from error
     if index.ndim < 2 or index.shape[-1] != 2:
         raise ValueError(
             f"pairs: expected shape (..., m, 2) of [station, reference], got {index.shape}"

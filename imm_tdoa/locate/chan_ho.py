@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from imm_tdoa import _validate
-from imm_tdoa.contract import Array
-from imm_tdoa.geometry import difference_covariance, ranges
+from imm_tdoa import _validate, registry
+from imm_tdoa.contract import Array, Mask, MeasurementModel
+from imm_tdoa.geometry import incidence, ranges
+from imm_tdoa.locate.choice import choose
 from imm_tdoa.locate.fix import Fix
+from imm_tdoa.locate.normal import inverse
 from imm_tdoa.stations import Stations, pair_index
+
+Whitener = Callable[[Array], Array]  # position (N, d) -> L^-1 (..., S-1, S-1), L L' = covariance
 
 
 def chan_ho(
@@ -19,6 +24,7 @@ def chan_ho(
     *,
     toa_sigma: Any = None,
     tdoa_sigma: Any = None,
+    pairs: Any = "reference",
     speed: float = 299792458.0,
     reweight: int = 2,
 ) -> Fix:
@@ -26,17 +32,20 @@ def chan_ho(
 
     Stage 1 solves for position and range to station 0 as if they were independent; stage 2
     imposes their relation. With just d + 1 stations a quadratic gives up to two roots, with
-    stations in a straight line (or plane) a mirror image: both are reported.
+    stations in a straight line (or plane) a mirror image: both are reported. Stations very
+    nearly in a line or plane are better served by `gauss_newton`.
 
     Parameters
     ----------
     stations : Stations
-        The receivers; station 0 is the reference. Fixed.
-    tdoa : (..., S - 1)
-        Arrival time of stations 1 … S-1 minus that of station 0, s. Leading axes are separate
-        fixes. All must be present.
-    toa_sigma, tdoa_sigma : float or (S,) / (S - 1,)
+        The receivers, fixed; position errors they declare are part of the noise.
+    tdoa : (..., m)
+        Arrival-time differences, s. Leading axes are separate fixes. All must be present.
+    toa_sigma, tdoa_sigma : float or (S,) / (m,)
         Exactly one: standard deviation per arrival, or per independent difference, s.
+    pairs : "reference", "adjacent" or (m, 2)
+        Which differences `tdoa` holds; they must connect all stations. They are taken to
+        differences against station 0 first, by least squares where there are more than S - 1.
     speed : float
         Signal speed, m/s.
     reweight : int
@@ -46,190 +55,218 @@ def chan_ho(
     -------
     Fix
         `mirror` holds the second root or mirror image; the first is the one that fits the
-        measurements better, or the nearer one where both fit exactly.
+        measurements better; where both fit equally the nearer one, or that with the greater
+        last coordinate. Where noise leaves a quadratic no real root, the real part is given,
+        whose chi2 is above 0.
+
+    Raises
+    ------
+    ValueError
+        Arguments that do not fit; moving stations; stations too few, or in a straight line in
+        three dimensions; pairs that do not connect them.
+
+    Notes
+    -----
+    Stage 2 works in axes turned so that the emitter makes the same angle with each: its squares
+    lose the sign and the accuracy of a component near zero (§3.3).
 
     References
     ----------
     Y. T. Chan and K. C. Ho, "A simple and efficient estimator for hyperbolic location", IEEE
     Trans. Signal Processing 42(8), 1905-1915, 1994; equations (14), (22), (24).
     """
-    s, Q = _arguments(stations, toa_sigma, tdoa_sigma, speed)
-    r = _validate.array("tdoa", tdoa, (None, len(stations) - 1)) * speed
+    if stations.moving:
+        raise ValueError("stations: chan_ho takes fixed stations; use gauss_newton for moving ones")
+    if isinstance(reweight, bool) or not isinstance(reweight, int) or reweight < 0:
+        raise ValueError(f"reweight: expected a whole number of at least 0, got {reweight!r}")
+    measurement: MeasurementModel = registry.load("tdoa")(
+        stations, toa_sigma=toa_sigma, tdoa_sigma=tdoa_sigma, pairs=pairs, speed=speed
+    )
+    values = _validate.array("tdoa", tdoa, (None, measurement.size))
+    s = stations.positions
+    d = stations.dims
+    rank = _spanned(s)
+    to_reference = _to_reference(measurement, pairs, stations)
+    r = (values * measurement.scale).reshape(-1, measurement.size) @ to_reference.T
+
+    def whitener(p: Array) -> Array:
+        R = measurement.noise_covariance(p, np.zeros_like(p), 0.0)
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(to_reference @ R @ to_reference.T)))
+
+    if rank < d:
+        candidates, passes = _flat_array(s, r, whitener, reweight), 1 + reweight
+    elif len(s) == d + 1:
+        candidates, passes = _two_roots(s, r), 1
+    else:
+        candidates, passes = _two_stages(s, r, whitener, reweight), 1 + reweight
+    return _best(s, r, whitener, candidates, passes, values.shape[:-1])
+
+
+def _spanned(s: Array) -> int:
+    """Number of dimensions the stations span; refuse those that fix no position."""
     S, d = s.shape
-    array = s[1:] - s[0]
-    sv = np.linalg.svd(array, compute_uv=False)
-    rank = int(np.count_nonzero(sv > 1e-9 * sv[0]))
-    if S < d + 1:
+    if d + 1 > S:
         raise ValueError(
             f"stations: {S} stations cannot fix a position in {d} dimensions; expected at least "
             f"{d + 1}"
         )
+    extent = np.linalg.svd(s - s.mean(axis=0), compute_uv=False)
+    rank = int(np.count_nonzero(extent > 1e-9 * extent[0]))
     if rank < d - 1:
         raise ValueError(
             "stations: they stand in a straight line, which fixes no position in three "
             "dimensions; expected stations that span at least a plane"
         )
-    if rank < d:
-        candidates = _flat_array(s, r, Q, reweight)
-    elif d + 1 == S:
-        candidates = _two_roots(s, r, Q)
-    else:
-        candidates = _two_stages(s, r, Q, reweight)
-    return _choose(s, r, Q, candidates, reweight)
+    return rank
 
 
-def _arguments(
-    stations: Stations, toa_sigma: Any, tdoa_sigma: Any, speed: float
-) -> tuple[Array, Array]:
-    """Station positions (S, d) and covariance (S-1, S-1) of the range differences, m²."""
-    if stations.moving:
-        raise ValueError("stations: chan_ho takes fixed stations; use gauss_newton for moving ones")
-    if (toa_sigma is None) == (tdoa_sigma is None):
-        raise ValueError("give exactly one of toa_sigma and tdoa_sigma")
-    _validate.positive("speed", speed)
-    S = len(stations)
-    name, sigma, n = (
-        ("toa_sigma", toa_sigma, S) if tdoa_sigma is None else ("tdoa_sigma", tdoa_sigma, S - 1)
-    )
-    value = _validate.array(name, sigma)
-    if value.shape not in ((), (n,)):
-        raise ValueError(f"{name}: expected one number or {n}, got shape {value.shape}")
-    if np.any(value <= 0.0):
-        raise ValueError(f"{name}: expected standard deviations above 0, got {value.min():g}")
-    variance = np.broadcast_to((speed * value) ** 2, (n,))
-    if tdoa_sigma is None:
-        return stations.positions, difference_covariance(variance, pair_index("reference", S))
-    return stations.positions, np.diag(variance)
-
-
-def _weighted(G: Array, h: Array, C: Array) -> tuple[Array, Array]:
-    """Weighted least squares (G' C^-1 G)^-1 G' C^-1 h and its covariance, by QR of the whitened.
-
-    G (..., m, n), h (..., m), C (..., m, m).
-    """
-    L = np.linalg.cholesky(C)
-    batch = np.broadcast_shapes(G.shape[:-2], h.shape[:-1], L.shape[:-2])
-    A = np.linalg.solve(L, np.broadcast_to(G, (*batch, *G.shape[-2:])))
-    b = np.linalg.solve(L, np.broadcast_to(h, (*batch, h.shape[-1]))[..., None])
-    q, R = np.linalg.qr(A)
-    theta = np.linalg.solve(R, np.swapaxes(q, -1, -2) @ b)[..., 0]
-    Ri = np.linalg.inv(R)
-    return theta, Ri @ np.swapaxes(Ri, -1, -2)
+def _to_reference(measurement: MeasurementModel, pairs: Any, stations: Stations) -> Array:
+    """Matrix (S - 1, m) that takes differences between `pairs` to those against station 0."""
+    index = pair_index(pairs, stations)
+    S, m = len(stations), len(index)
+    kept = np.flatnonzero(measurement.independent(np.ones(m, dtype=bool)))
+    D = incidence(index[kept], S)[:, 1:]
+    if np.linalg.matrix_rank(D) < S - 1:
+        raise ValueError(f"pairs: they do not connect all {S} stations")
+    centre = stations.positions.mean(axis=0)
+    R = measurement.noise_covariance(centre, np.zeros_like(centre), 0.0)[kept[:, None], kept]
+    weighted = np.linalg.solve(R, D)
+    result = np.zeros((S - 1, m))
+    result[:, kept] = np.linalg.solve(D.T @ weighted, weighted.T)
+    return result
 
 
 def _linear_system(s: Array, r: Array) -> tuple[Array, Array]:
-    """Equation (5): h = G [p - s_0; r_0], relative to station 0."""
+    """Equation (5): h = G [p - s_0; r_0] for range differences r (N, S - 1)."""
     a = s[1:] - s[0]
     h = 0.5 * (r**2 - np.sum(a**2, axis=-1))
     G = -np.concatenate([np.broadcast_to(a, (*r.shape, a.shape[-1])), r[..., None]], axis=-1)
     return G, h
 
 
-def _two_stages(s: Array, r: Array, Q: Array, reweight: int) -> list[Array]:
-    """S >= d + 2 stations spanning the space: equations (14a), (22a), (24)."""
-    G, h = _linear_system(s, r)
-    scale = np.sqrt(np.trace(Q) / len(Q))
-    theta, cov = _weighted(G, h, Q / scale**2)  # far-field weights (14b)
-    for _ in range(max(reweight, 1)):
-        B = ranges(theta[..., :-1] + s[0], s[1:])[0]
-        theta, cov = _weighted(G, h, B[..., :, None] * Q * B[..., None, :])
-    return [_second_stage(theta, cov) + s[0]]
+def _weighted(G: Array, h: Array, W: Array) -> tuple[Array, Array]:
+    """Least squares of W h = W G theta by QR: theta (N, n) and its covariance (G' W'W G)^-1."""
+    q, R = np.linalg.qr(W @ G)
+    theta = np.linalg.solve(R, np.swapaxes(q, -1, -2) @ (W @ h[..., None]))[..., 0]
+    Ri = np.linalg.inv(R)
+    return theta, Ri @ np.swapaxes(Ri, -1, -2)
 
 
-def _second_stage(theta: Array, cov: Array) -> Array:
-    """Impose r_0² = |p - s_0|² on stage 1's theta (..., d + 1); equation (22a)."""
-    d = theta.shape[-1] - 1
-    G = np.concatenate([np.eye(d), np.ones((1, d))])
-    floor = 1e-9 * np.linalg.norm(theta, axis=-1, keepdims=True) + 1e-300
-    B = 2.0 * np.where(np.abs(theta) > floor, theta, floor)
-    squared, _ = _weighted(G, theta**2, B[..., :, None] * cov * B[..., None, :])
-    sign = np.where(theta[..., :d] < 0.0, -1.0, 1.0)
-    result: Array = sign * np.sqrt(np.abs(squared))
+def _by_ranges(W: Array, r: Array) -> Array:
+    """Whitening of the equations' errors B n, B = diag(r): W B^-1."""
+    floor = 1e-9 * np.max(r, axis=-1, keepdims=True)
+    result: Array = W / np.maximum(r, floor)[..., None, :]
     return result
 
 
-def _two_roots(s: Array, r: Array, Q: Array) -> list[Array]:
+def _two_stages(s: Array, r: Array, whitener: Whitener, reweight: int) -> Array:
+    """S >= d + 2 stations spanning the space: equations (14b), (14a), (22a), (24)."""
+    G, h = _linear_system(s, r)
+    W = whitener(s.mean(axis=0))
+    W = W / np.sqrt(np.mean(W**2))  # far field: all ranges alike
+    theta, cov = _weighted(G, h, W)
+    for _ in range(reweight):
+        p = theta[..., :-1] + s[0]
+        theta, cov = _weighted(G, h, _by_ranges(whitener(p), ranges(p, s[1:])[0]))
+    result: Array = (_second_stage(theta, cov) + s[0])[..., None, :]
+    return result
+
+
+def _second_stage(theta: Array, cov: Array) -> Array:
+    """Impose r_0² = |p - s_0|² on stage 1's theta (N, d + 1); equations (22a), (24)."""
+    d = theta.shape[-1] - 1
+    turn = _turn(theta[..., :-1])
+    T = np.zeros((*theta.shape, d + 1))
+    T[..., :d, :d], T[..., d, d] = turn, 1.0
+    theta = np.einsum("...ij,...j->...i", T, theta)
+    cov = T @ cov @ np.swapaxes(T, -1, -2)
+    size = np.linalg.norm(theta, axis=-1, keepdims=True)
+    B = np.where(np.abs(theta) > 1e-9 * size, theta, 1e-9 * size + 1e-300)
+    L = np.linalg.cholesky(cov)
+    W = np.linalg.inv(L) / (2.0 * B)[..., None, :]
+    G = np.broadcast_to(np.concatenate([np.eye(d), np.ones((1, d))]), (*theta.shape, d))
+    squared, _ = _weighted(G, theta**2, W)
+    u = np.where(theta[..., :d] < 0.0, -1.0, 1.0) * np.sqrt(np.abs(squared))
+    result: Array = np.einsum("...ji,...j->...i", turn, u)
+    return result
+
+
+def _turn(u: Array) -> Array:
+    """Reflection (N, d, d) that takes each u (N, d) to a vector of equal components."""
+    d = u.shape[-1]
+    size = np.linalg.norm(u, axis=-1, keepdims=True)
+    v = u / np.where(size > 0.0, size, 1.0) - 1.0 / np.sqrt(d)
+    square = np.sum(v**2, axis=-1)[..., None, None]
+    turn = np.eye(d) - 2.0 * v[..., :, None] * v[..., None, :] / np.where(square > 0.0, square, 1.0)
+    return np.where((square > 1e-12) & (size[..., None] > 0.0), turn, np.eye(d))
+
+
+def _two_roots(s: Array, r: Array) -> Array:
     """S = d + 1: p = alpha + beta r_0 in r_0² = |p|², up to two roots with r_0 > 0."""
     G, h = _linear_system(s, r)
-    A = -G[..., :-1]
-    both = np.linalg.solve(A, np.stack([-h, -r], axis=-1))
+    both = np.linalg.solve(-G[..., :-1], np.stack([-h, -r], axis=-1))
     alpha, beta = both[..., 0], both[..., 1]
     a = np.sum(beta**2, axis=-1) - 1.0
     b = 2.0 * np.sum(alpha * beta, axis=-1)
     c = np.sum(alpha**2, axis=-1)
-    root = np.sqrt(np.maximum(b**2 - 4 * a * c, 0.0))
-    q = -0.5 * (b + np.where(b < 0.0, -1.0, 1.0) * root)
+    root = np.sqrt(np.maximum(b**2 - 4.0 * a * c, 0.0))
+    q = -0.5 * (b + np.where(b < 0.0, -root, root))
     with np.errstate(divide="ignore", invalid="ignore"):
         r0 = np.stack([q / a, c / q], axis=-1)
-    valid = np.isfinite(r0) & (r0 >= 0.0) & np.all(r0[..., None] + r[..., None, :] >= 0.0, axis=-1)
+    valid: Mask = np.isfinite(r0) & (r0 >= 0.0)
+    valid &= np.all(r0[..., None] + r[..., None, :] >= 0.0, axis=-1)
     r0 = np.where(valid, r0, np.nan)
-    return [alpha + beta * r0[..., k, None] + s[0] for k in range(2)]
+    result: Array = alpha[..., None, :] + beta[..., None, :] * r0[..., None] + s[0]
+    return result
 
 
-def _flat_array(s: Array, r: Array, Q: Array, reweight: int) -> list[Array]:
-    """Stations in a line (2-D) or plane (3-D): solve within it, the height is ± (§3.2)."""
-    S, d = s.shape
-    _, _, axes = np.linalg.svd(s[1:] - s[0])
-    flat = np.concatenate([np.zeros((1, d - 1)), (s[1:] - s[0]) @ axes[: d - 1].T])
-    if S < d + 1:
-        raise ValueError(f"stations: expected at least {d + 1}, got {S}")
-    G, h = _linear_system(flat, r)
-    scale = np.sqrt(np.trace(Q) / len(Q))
-    theta, _ = _weighted(G, h, Q / scale**2)
-    for _ in range(max(reweight, 1)):
-        height2 = np.maximum(theta[..., -1] ** 2 - np.sum(theta[..., :-1] ** 2, axis=-1), 0.0)
-        r_flat, _ = ranges(theta[..., :-1], flat[1:])
-        B = np.sqrt(r_flat**2 + height2[..., None])
-        theta, _ = _weighted(G, h, B[..., :, None] * Q * B[..., None, :])
-    height = np.sqrt(np.maximum(theta[..., -1] ** 2 - np.sum(theta[..., :-1] ** 2, axis=-1), 0.0))
-    along = theta[..., :-1] @ axes[: d - 1]
-    return [s[0] + along + sign * height[..., None] * axes[d - 1] for sign in (1.0, -1.0)]
-
-
-def _choose(s: Array, r: Array, Q: Array, candidates: list[Array], reweight: int) -> Fix:
-    """Rank the candidates (…, d) by how they explain the measurements; make a Fix."""
-    L = np.linalg.cholesky(Q)
-    points = np.stack(candidates, axis=-2)
-    r_all, u = ranges(points, s)
-    residual = r[..., None, :] - (r_all[..., 1:] - r_all[..., :1])
-    white = np.linalg.solve(L, residual[..., None])[..., 0]
-    chi2 = np.einsum("...i,...i->...", white, white)
-    usable = np.isfinite(chi2)
-    tie = 1e-6 * (1.0 + np.nanmin(np.where(usable, chi2, np.inf), axis=-1, keepdims=True))
-    nearness = np.where(usable, r_all[..., 0], np.inf)
-    rank = np.where(usable, chi2, np.inf)
-    close = rank <= np.min(rank, axis=-1, keepdims=True) + tie
-    first = np.argmin(np.where(close, nearness, np.inf), axis=-1)[..., None]
-
-    def pick(a: Array, which: Array) -> Array:
-        index = which.reshape(which.shape + (1,) * (a.ndim - which.ndim))
-        return np.take_along_axis(a, index, axis=which.ndim - 1).squeeze(which.ndim - 1)
-
-    position, best = pick(points, first), pick(chi2, first)
-    J = np.linalg.solve(L, pick(u, first)[..., 1:, :] - pick(u, first)[..., :1, :])
-    information = np.einsum("...ki,...kj->...ij", J, J)
-    found = np.isfinite(position).all(axis=-1) & (
-        np.linalg.cond(np.where(np.isfinite(information), information, 0.0)) < 1e14
-    )
+def _flat_array(s: Array, r: Array, whitener: Whitener, reweight: int) -> Array:
+    """Stations in a line (2-D) or plane (3-D): solve within it; the height is ± (§3.2)."""
     d = s.shape[1]
-    covariance = np.linalg.inv(np.where(found[..., None, None], information, np.eye(d)))
-    covariance = np.where(found[..., None, None], covariance, np.nan)
-    mirror = None
-    if points.shape[-2] == 2:
-        other = pick(points, 1 - first)
-        rival = pick(usable, 1 - first) & (pick(chi2, 1 - first) <= best + 9.0)
-        apart = np.sum((other - position) ** 2, axis=-1) > 1e-12 * np.sum(
-            (position - s[0]) ** 2, axis=-1
-        )
-        mirror = np.where((rival & apart)[..., None], other, np.nan)
-        mirror = None if np.all(np.isnan(mirror)) else mirror
+    axes = np.linalg.svd(s - s.mean(axis=0))[2]
+    flat = (s - s[0]) @ axes[: d - 1].T
+    G, h = _linear_system(flat, r)
+
+    def places(theta: Array) -> tuple[Array, Array]:
+        height2 = theta[..., -1] ** 2 - np.sum(theta[..., :-1] ** 2, axis=-1)
+        height = np.sqrt(np.maximum(height2, 0.0))[..., None] * axes[d - 1]
+        along = s[0] + theta[..., :-1] @ axes[: d - 1]
+        return along + height, along - height
+
+    W = whitener(s.mean(axis=0))
+    theta, _ = _weighted(G, h, W / np.sqrt(np.mean(W**2)))
+    for _ in range(reweight):
+        p, _ = places(theta)
+        theta, _ = _weighted(G, h, _by_ranges(whitener(p), ranges(p, s[1:])[0]))
+    return np.stack(places(theta), axis=-2)
+
+
+def _best(
+    s: Array, r: Array, whitener: Whitener, points: Array, passes: int, batch: tuple[int, ...]
+) -> Fix:
+    """Rank the candidates (N, K, d) by how they explain the measurements; make a Fix."""
+    (N, _, d), S = points.shape, len(s)
+    r_all, u = ranges(points, s)
+    W = whitener(points)
+    e = r[:, None] - (r_all[..., 1:] - r_all[..., :1])
+    white = np.einsum("...ij,...j->...i", W, e)
+    chi2 = np.einsum("...i,...i->...", white, white)
+    J = W @ (u[..., 1:, :] - u[..., :1, :])
+    known: Mask = np.asarray(np.isfinite(points).all(axis=-1))
+    information = np.swapaxes(J, -1, -2) @ J
+    information = np.where(known[..., None, None], information, 0.0)
+    covariance, regular = inverse(information)
+    cost = np.where(known, chi2, np.inf)
+    centre = np.broadcast_to(s.mean(axis=0), (N, d))
+    best, mirror = choose(points, cost, known & regular, information, centre)
+    one = np.arange(N)
     return Fix(
-        position=np.where(found[..., None], position, np.nan),
+        position=points[one, best].reshape(*batch, d),
         velocity=None,
-        covariance=covariance,
-        converged=found,
-        iterations=np.full(found.shape, max(reweight, 1) if len(s) > d + 1 else 1),
-        chi2=best,
-        dof=np.full(found.shape, len(s) - 1 - d),
-        mirror=mirror,
+        covariance=covariance[one, best].reshape(*batch, d, d),
+        converged=(known & regular)[one, best].reshape(batch),
+        iterations=np.full(batch, passes, dtype=np.int64),
+        chi2=chi2[one, best].reshape(batch),
+        dof=np.full(batch, S - 1 - d, dtype=np.int64),
+        mirror=None if np.all(np.isnan(mirror)) else mirror.reshape(*batch, d),
     )

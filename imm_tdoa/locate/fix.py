@@ -16,22 +16,23 @@ class Fix:
     position : (..., d)
         Position, m; NaN where the measurements determine none.
     velocity : (..., d) or None
-        Velocity, m/s, where the measurement carries it.
+        Velocity, m/s, where the measurement carries it; NaN where the position is.
     covariance : (..., n, n)
-        Covariance of position, and of velocity behind it.
+        Covariance of position, and of velocity behind it; NaN where they are not determined.
     converged : (...) bool
         Whether the iteration reached a minimum that the geometry determines.
     iterations : (...) int
         Iterations used.
     chi2 : (...)
-        Weighted sum of squared residuals.
+        Weighted sum of squared residuals; in a robust fit with its weights.
     dof : (...) int
         Its degrees of freedom: rows less unknowns; chi2 says nothing where this is 0.
     mirror : (..., d) or None
         Another position that explains the measurements as well (within 9 of chi2), as two
         crossing hyperbolas or a straight array have; NaN in a batch where there is none.
     weight : (..., T, m) or None
-        Weight between 0 and 1 that a robust fit gave each row.
+        Weight between 0 and 1 that a robust fit gave each row: each arrival where the arrivals
+        were judged, then each range rate; otherwise each difference.
     """
 
     position: Array

@@ -8,15 +8,16 @@ import numpy as np
 
 from imm_tdoa import registry
 from imm_tdoa._validate import array
-from imm_tdoa.contract import Array, MeasurementModel
+from imm_tdoa.contract import Array, Index, MeasurementModel
+from imm_tdoa.locate.choice import choose
 from imm_tdoa.locate.fix import Fix
-from imm_tdoa.locate.guess import starting_points, with_start_axis
-from imm_tdoa.locate.least_squares import Problem, Solution, solve, solve_robust, student_cost
+from imm_tdoa.locate.guess import ranked, starting_points
+from imm_tdoa.locate.least_squares import Solution, solve, student_cost
+from imm_tdoa.locate.problem import Problem
 from imm_tdoa.scans import Scans
-from imm_tdoa.stations import Stations
+from imm_tdoa.stations import Stations, pair_index
 
-MIRROR_CHI2 = 9.0  # a second solution within this of the best chi2 is a rival
-MIRROR_DISTANCE = 25.0  # squared distance, in covariances of the first, that makes it another
+CHUNK = 4000  # fits searched for at a time; bounds the memory of large batches
 
 
 def gauss_newton(
@@ -36,13 +37,13 @@ def gauss_newton(
     """Locate an emitter by weighted least squares on time differences of arrival.
 
     Damped (Levenberg-Marquardt), whitened by the Cholesky factor of the full noise covariance,
-    and begun from several points around the stations, so that it finds the global minimum and
-    any mirror solution.
+    and begun from several points in closed form and around the stations, so that it finds the
+    global minimum and any mirror solution.
 
     Parameters
     ----------
     stations : Stations
-        The receivers.
+        The receivers; position errors they declare are part of the noise.
     tdoa : (..., m) or (..., T, m) with `times`
         Arrival-time differences, s; NaN is missing. Leading axes are separate fixes.
     toa_sigma, tdoa_sigma : float or array
@@ -56,11 +57,13 @@ def gauss_newton(
         per station, m/s: the velocity is estimated too.
     times : (T,), optional
         Times of several epochs that are to give one fix of an emitter that stands (with
-        range rates: that moves straight on from the last time back), s.
+        range rates: that moves straight on; the fix is at the last time), s.
     initial : (..., d), optional
         Position to start from instead of searching; no mirror is looked for then.
     robust : None or "student-t"
-        ``"student-t"``: iteratively re-weighted, so that gross errors do not pull.
+        ``"student-t"``: iteratively re-weighted, so that gross errors do not pull. With
+        `toa_sigma` and one reference for all differences the arrivals are judged, so that a
+        gross error at the reference is found too; otherwise each difference for itself.
 
     Returns
     -------
@@ -78,16 +81,35 @@ def gauss_newton(
     values = array("tdoa", tdoa, (None, measurement.size), finite=False)
     if (range_rate is None) != (range_rate_sigma is None):
         raise ValueError("range_rate: give range_rate and range_rate_sigma together")
+    rates = None
     if range_rate is not None:
-        fdoa = registry.load("fdoa")(stations, range_rate_sigma=range_rate_sigma, pairs=pairs)
         rates = array("range_rate", range_rate, values.shape, finite=False)
-        measurement = registry.load("stack")(measurement, fdoa)
+    index = pair_index(pairs, stations)
+    starry = np.all(index[:, 1] == index[0, 1]) and len(np.unique(index[:, 0])) == len(index)
+    if robust is not None and toa_sigma is not None and starry:
+        values = _undifferenced(values, index, len(stations))
+        measurement = registry.load("toa")(stations, sigma=toa_sigma, speed=speed)
+        other = "range-rate", {"sigma": range_rate_sigma}
+        rates = None if rates is None else _undifferenced(rates, index, len(stations))
+    else:
+        other = "fdoa", {"range_rate_sigma": range_rate_sigma, "pairs": pairs}
+    if rates is not None:
+        second = registry.load(other[0])(stations, **other[1])
+        measurement = registry.load("stack")(measurement, second)
         values = np.concatenate([values, rates], axis=-1)
     stamps = np.zeros(1) if times is None else times
     if times is None:
         values = values[..., None, :]
     scans = Scans.checked(measurement, stamps, values)
-    return fix_scans(scans, moving=range_rate is not None, initial=initial, robust=robust)
+    return fix_scans(scans, moving=rates is not None, initial=initial, robust=robust)
+
+
+def _undifferenced(values: Array, index: Index, S: int) -> Array:
+    """Arrivals (..., S) up to a constant from differences against one reference."""
+    result = np.full((*values.shape[:-1], S), np.nan)
+    result[..., index[:, 0]] = values
+    result[..., index[0, 1]] = np.where(np.isfinite(values).any(axis=-1), 0.0, np.nan)
+    return result
 
 
 def fix_scans(
@@ -112,87 +134,76 @@ def fix_scans(
         Position to start from instead of searching.
     robust : None or "student-t"
         Whether gross errors may pull.
+
+    Raises
+    ------
+    ValueError
+        A scan shape with fewer independent rows than unknowns.
     """
     if robust not in (None, "student-t"):
         raise ValueError(f"robust: expected None or 'student-t', got {robust!r}")
-    problem = Problem(scans, scans.times[..., -1], moving, velocity_std)
-    d = scans.measurement.dims
+    problem = Problem.of(scans, moving, velocity_std)
     _refuse_too_few(problem)
-    if initial is None:
-        theta = starting_points(problem)
-    else:
+    heavy_tails = robust is not None
+    B, d = len(problem.z), problem.dims
+    if initial is not None:
         point = np.broadcast_to(array("initial", initial, (None, d)), (*scans.batch, d))
-        rest = np.zeros((*scans.batch, problem.unknowns - d))
-        theta = np.concatenate([point, rest], axis=-1)[..., None, :]
-    wide = with_start_axis(problem)
-    if robust is None:
-        solution, weight = solve(wide, theta), None
-        rank = solution.chi2
-    else:
-        solution, weight = solve_robust(wide, theta)
-        rank = student_cost(solution.standardised)
-    return _fix(problem, solution, rank, weight)
+        theta, _ = ranked(problem, point.reshape(B, 1, d))
+        solution = solve(problem, theta[:, 0], np.arange(B), robust=heavy_tails)
+        return _fix(problem, solution, scans.batch)
+    parts = []
+    for first in range(0, B, CHUNK):
+        part = problem.part(slice(first, first + CHUNK))
+        theta, fit = starting_points(part, robust=heavy_tails)
+        parts.append(solve(part, theta, fit, robust=heavy_tails))
+    return _fix(problem, Solution.joined(parts), scans.batch)
 
 
-def _fix(problem: Problem, solution: Solution, rank: Array, weight: Array | None) -> Fix:
-    """Choose the best of the solutions (..., starts) and name its rival."""
-    d = problem.scans.measurement.dims
-    rank = np.where(np.isfinite(rank), rank, np.inf)
-    rank = np.where(solution.converged, rank, rank + 1e6 * (1.0 + np.abs(rank)))
-    best = np.argmin(rank, axis=-1)
-
-    def pick(a: Array, trailing: int) -> Array:
-        index = best.reshape(best.shape + (1,) * (trailing + 1))
-        return np.take_along_axis(a, index, axis=a.ndim - trailing - 1).squeeze(
-            a.ndim - trailing - 1
-        )
-
-    theta, covariance = pick(solution.theta, 1), pick(solution.covariance, 2)
-    converged = pick(solution.converged, 0)
-    mirror = _mirror(solution, rank, pick(rank, 0), theta[..., :d], covariance[..., :d, :d])
-    rows = pick(solution.rows, 0)
+def _fix(problem: Problem, solution: Solution, batch: tuple[int, ...]) -> Fix:
+    """Choose the best of each fit's K solutions and name its rival."""
+    d, B = problem.dims, len(problem.z)
+    K = len(solution.theta) // B
+    rank = solution.chi2 if solution.weight is None else student_cost(solution.standardised)
+    usable = solution.converged
+    C = np.where(usable[:, None, None], solution.covariance[:, :d, :d], np.eye(d))
+    index, mirror = choose(
+        solution.theta[:, :d].reshape(B, K, d),
+        rank.reshape(B, K),
+        usable.reshape(B, K),
+        np.linalg.inv(C).reshape(B, K, d, d),
+        problem.stations_heard()[0],
+    )
+    best = np.arange(B) * K + index
+    theta, covariance = solution.theta[best], solution.covariance[best]
+    determined = np.asarray(np.isfinite(covariance).all(axis=(-2, -1)))
+    theta = np.where(determined[:, None], theta, np.nan)
+    weight = None
+    if solution.weight is not None:
+        weight = np.ones((B, *problem.scans.values.shape[1:]))
+        weight[..., problem.rows] = solution.weight[best]
+        weight = weight.reshape(*batch, *weight.shape[1:])
     unknowns = d if problem.velocity_std is not None else problem.unknowns
     return Fix(
-        position=theta[..., :d],
-        velocity=theta[..., d:] if problem.moving else None,
-        covariance=covariance,
-        converged=converged,
-        iterations=pick(solution.iterations, 0),
-        chi2=pick(solution.chi2, 0),
-        dof=np.maximum(rows - unknowns, 0),
-        mirror=None if np.all(np.isnan(mirror)) else mirror,
-        weight=None if weight is None else pick(weight, 2),
+        position=theta[:, :d].reshape(*batch, d),
+        velocity=theta[:, d:].reshape(*batch, d) if problem.moving else None,
+        covariance=covariance.reshape(*batch, *covariance.shape[1:]),
+        converged=solution.converged[best].reshape(batch),
+        iterations=solution.iterations[best].reshape(batch),
+        chi2=solution.chi2[best].reshape(batch),
+        dof=np.maximum(problem.equations() - unknowns, 0).reshape(batch),
+        mirror=None if np.all(np.isnan(mirror)) else mirror.reshape(*batch, d),
+        weight=weight,
     )
-
-
-def _mirror(
-    solution: Solution, rank: Array, least: Array, position: Array, covariance: Array
-) -> Array:
-    """The best other converged solution (..., d) that is a rival of the first, or NaN."""
-    d = position.shape[-1]
-    usable = np.isfinite(covariance).all(axis=(-2, -1))
-    C = np.where(usable[..., None, None], covariance, np.eye(d))
-    delta = solution.theta[..., :d] - position[..., None, :]
-    away = np.einsum(
-        "...si,...si->...s",
-        delta,
-        np.swapaxes(np.linalg.solve(C, np.swapaxes(delta, -1, -2)), -1, -2),
-    )
-    rival = solution.converged & (away > MIRROR_DISTANCE) & usable[..., None]
-    rival &= rank <= least[..., None] + MIRROR_CHI2
-    second = np.argmin(np.where(rival, rank, np.inf), axis=-1)[..., None]
-    found = np.take_along_axis(solution.theta[..., :d], second[..., None], axis=-2)[..., 0, :]
-    result: Array = np.where(np.any(rival, axis=-1)[..., None], found, np.nan)
-    return result
 
 
 def _refuse_too_few(problem: Problem) -> None:
-    """Refuse a scan shape that can never determine a position, whatever its values."""
-    measurement = problem.scans.measurement
-    groups = measurement.offset_group
-    shared = len(np.unique(groups[groups >= 0]))
-    rows = (measurement.size - shared) * problem.scans.count
-    needed = problem.unknowns - (0 if problem.velocity_std is None else measurement.dims)
+    """Refuse scans of a shape that can never determine a position, whatever their values."""
+    scans, needed = problem.scans, problem.unknowns
+    if problem.velocity_std is not None:
+        needed = problem.dims
+    every = np.ones((scans.count, scans.measurement.size), dtype=bool)
+    independent = scans.together().independent(every)
+    rows = int(np.max(problem.independent_rows(independent), initial=0))
     if rows < needed:
         raise ValueError(
             f"stations: {rows} independent measurements cannot determine {needed} unknowns; "

@@ -1,213 +1,211 @@
-"""Damped Gauss-Newton on whitened residuals, for many fixes at once (ALGORITHMS §3.1).
-
-The unknown theta is the position, or position and velocity at a reference time; scans at other
-times see it carried along a straight line. Rows may come from any measurement model.
-"""
+"""Damped Gauss-Newton on whitened residuals, for many trial points at once (ALGORITHMS §3.1)."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
-import attrs
 import numpy as np
 
-from imm_tdoa import gaussian, observation
 from imm_tdoa.contract import Array, Index, Mask
-from imm_tdoa.scans import Scans
+from imm_tdoa.locate.normal import inverse, spectrum
+from imm_tdoa.locate.problem import Problem, Whitening, noise, residuals, standardised, whitening
 
-STUDENT_DOF = 3.0  # tails of real arrival times; weight (dof + 1)/(dof + e²) for a residual e
-
-
-@attrs.frozen(eq=False)
-class Problem:
-    """Scans to be explained by one position or one straight motion.
-
-    Attributes
-    ----------
-    scans : Scans
-        Values (..., T, m).
-    reference : () or (...)
-        Time that theta refers to, s.
-    moving : bool
-        Whether theta has a velocity.
-    velocity_std : (d,) or None
-        Standard deviation of a zero-mean prior on the velocity, m/s.
-    """
-
-    scans: Scans
-    reference: Array
-    moving: bool
-    velocity_std: Array | None = None
-
-    @property
-    def unknowns(self) -> int:
-        """Length n of theta."""
-        return self.scans.measurement.dims * (2 if self.moving else 1)
-
-
-class System(NamedTuple):
-    """Whitened residuals (..., N), their Jacobian (..., N, n), rows used, raw residuals."""
-
-    r: Array
-    J: Array
-    rows: Index
-    standardised: Array
-
-
-def system(problem: Problem, theta: Array, weight: Array | None = None) -> System:
-    """Linearise `problem` at `theta` (..., n); `weight` (..., T, m) scales precisions."""
-    scans, d = problem.scans, problem.scans.measurement.dims
-    lever = scans.times - np.asarray(problem.reference)[..., None]
-    n = theta.shape[-1]
-    Phi = np.broadcast_to(np.eye(n), (*lever.shape, n, n)).copy()
-    if problem.moving:
-        Phi[..., :d, d:] = lever[..., None, None] * np.eye(d)
-    x = np.einsum("...tij,...j->...ti", Phi, theta)
-    here = np.arange(d)
-    seen = observation.observe(
-        scans.together(),
-        [x],
-        [here],
-        [here + d if problem.moving else here[:0]],
-        scans.times,
-        scans.values,
-    )
-    standardised = np.zeros((*theta.shape[:-1], *scans.values.shape[-2:]))
-    rows = np.flatnonzero(np.isfinite(scans.values).reshape(-1, scans.values.shape[-1]).any(axis=0))
-    if weight is not None:
-        root = np.sqrt(weight[..., rows])
-        R = seen.R[0] / (root[..., :, None] * root[..., None, :])
-        seen = attrs.evolve(seen, R=(R,))
-    standardised[..., rows] = _standardised(seen, weight if weight is None else weight[..., rows])
-    seen = observation.without_offsets(seen)
-    nu, H, R = gaussian.mask_rows(seen.nu[0], seen.H[0] @ Phi, seen.R[0], seen.present)
-    white = np.linalg.solve(
-        gaussian.factor(R, "noise covariance"), np.concatenate([H, nu[..., None]], axis=-1)
-    )
-    batch = white.shape[:-3]
-    white = white.reshape(*batch, -1, n + 1)
-    J, r = white[..., :-1], white[..., -1]
-    if problem.velocity_std is not None:
-        prior = np.broadcast_to(np.eye(n)[d:] / problem.velocity_std[:, None], (*batch, d, n))
-        J = np.concatenate([J, prior], axis=-2)
-        r = np.concatenate([r, -theta[..., d:] / problem.velocity_std], axis=-1)
-    count = np.count_nonzero(seen.present, axis=(-2, -1))
-    return System(r, J, count, standardised)
-
-
-def _standardised(seen: observation.Observation, weight: Array | None) -> Array:
-    """Residuals over their own standard deviations, shared offsets estimated and taken out."""
-    nu = np.where(seen.present, seen.nu[0], 0.0)
-    precision = np.where(seen.present, 1.0 / np.einsum("...ii->...i", seen.R[0]), 0.0)
-    for g in np.unique(seen.group[seen.group >= 0]):
-        w = np.where(seen.group == g, precision, 0.0)
-        total = np.sum(w, axis=-1, keepdims=True)
-        offset = np.sum(w * nu, axis=-1, keepdims=True) / np.where(total > 0.0, total, 1.0)
-        nu = nu - np.where(seen.group == g, offset, 0.0)
-    sigma = np.sqrt(np.einsum("...ii->...i", seen.R[0]) * (1.0 if weight is None else weight))
-    return np.where(seen.present, nu / sigma, 0.0)
+ITERATIONS = 60  # most iterations of one descent
+ROUNDS = 60  # most descents, the noise being taken anew in between
+HUBER = 4  # first rounds of a robust fit
+STUDENT_DOF = 3.0  # tails of real arrival times
+DECREMENT = 1e-10  # a full step that would lower chi2 by less has arrived
+ROUNDING = 1e-4  # so has one this small that fails to lower chi2 at all
+LEAP = 0.5  # longest step over the distance from the stations
+RIDGE = 1e-14  # keeps a singular normal matrix from dividing by zero
 
 
 class Solution(NamedTuple):
-    """Where the iteration ended; leading axes as the starting points."""
+    """Where the iteration ended, for each of N trial points.
+
+    `covariance` is NaN where the geometry determines no theta; `weight` is None unless robust.
+    """
 
     theta: Array
     covariance: Array
     converged: Mask
     iterations: Index
     chi2: Array
-    rows: Index
     standardised: Array
+    weight: Array | None
+
+    @classmethod
+    def joined(cls, parts: Sequence[Solution]) -> Solution:
+        """Return the solutions of several sets of trial points as one."""
+        if len(parts) == 1:
+            return parts[0]
+        columns: list[Any] = [
+            None if column[0] is None else np.concatenate(column)
+            for column in zip(*parts, strict=True)
+        ]
+        return cls(*columns)
 
 
-def solve(
-    problem: Problem, theta: Array, weight: Array | None = None, iterations: int = 60
-) -> Solution:
-    """Levenberg-Marquardt from `theta` (..., n); every element of the batch is its own fit.
+class Descent(NamedTuple):
+    """Where a descent under a fixed noise ended: whitened residuals r (N, K), Jacobian J."""
 
-    Damping lambda diag(A) makes the step independent of units. An element has converged when
-    the full step would change chi2 by less than 1e-10 and the normal matrix is regular.
+    theta: Array
+    r: Array
+    J: Array
+    arrived: Mask
+    iterations: Index
+
+
+def solve(problem: Problem, theta: Array, fit: Index, *, robust: bool = False) -> Solution:
+    """Fit each trial point theta (N, n) to the scans of its `fit` (N,).
+
+    Gauss-Newton descends under a fixed noise. Where the noise depends on theta (receivers with
+    position errors, §1.4) or, with `robust`, on the residuals (Student-t weights), it is taken
+    anew where the descent ended and the descent repeated, until neither changes. The weights
+    begin on the scale of the first residuals, so that a bad start does not condemn good rows.
     """
-    at = system(problem, theta, weight)
-    cost = np.einsum("...i,...i->...", at.r, at.r)
-    damping = np.full(cost.shape, 1e-3)
-    done = np.zeros(cost.shape, dtype=bool)
-    used = np.zeros(cost.shape, dtype=np.int64)
-    for _ in range(iterations):
-        A, g = _normal(at)
-        newton = _damped_step(A, g, np.zeros_like(damping))
-        decrement = np.einsum("...i,...i->...", newton, g)
-        done = done | (np.abs(decrement) <= 1e-10 * (1.0 + 1e-3 * cost))
-        if np.all(done):
+    N, n = theta.shape
+    theta, weight = np.array(theta), None
+    if robust:
+        nu, _ = residuals(problem, theta, fit)
+        weight = huber_weight(standardised(problem, nu, noise(problem, theta, fit), fit, None))
+    arrived, settled = np.zeros(N, dtype=bool), np.zeros(N, dtype=bool)
+    used = np.zeros(N, dtype=np.int64)
+    e, chi2, A = np.zeros((N, *problem.z.shape[1:])), np.zeros(N), np.zeros((N, n, n))
+    live = np.arange(N)
+    for k in range(ROUNDS):
+        where, own = fit[live], None if weight is None else weight[live]
+        R = noise(problem, theta[live], where)
+        at = descend(problem, theta[live], where, whitening(problem, R, where, own))
+        theta[live], arrived[live] = at.theta, at.arrived
+        used[live] += at.iterations
+        A[live] = np.einsum("nki,nkj->nij", at.J, at.J)
+        chi2[live] = np.einsum("nk,nk->n", at.r, at.r)
+        R_there = noise(problem, at.theta, where)
+        settled[live] = _equal(R, R_there)
+        nu, _ = residuals(problem, at.theta, where)
+        e[live] = standardised(problem, nu, R_there, where, own)
+        if weight is not None and own is not None:
+            weight[live] = (huber_weight if k < HUBER else student_weight)(e[live])
+            change = np.max(np.abs(weight[live] - own), axis=(-2, -1), initial=0.0)
+            settled[live] &= (change <= 1e-4) & (k > HUBER)
+        live = live[arrived[live] & ~settled[live]]
+        if live.size == 0:
             break
-        step = _damped_step(A, g, damping)
-        trial = np.where(done[..., None], theta, theta + step)
-        there = system(problem, trial, weight)
-        trial_cost = np.einsum("...i,...i->...", there.r, there.r)
-        better = ~done & np.isfinite(trial_cost) & (trial_cost <= cost)
-        used = used + ~done
-        theta = np.where(better[..., None], trial, theta)
-        at = System(*(_where(better, new, old) for new, old in zip(there, at, strict=True)))
-        cost = np.where(better, trial_cost, cost)
-        damping = np.clip(np.where(better, damping * 0.2, damping * 6.0), 1e-12, 1e12)
-    A, _ = _normal(at)
-    covariance, regular = _inverse(A)
-    return Solution(theta, covariance, done & regular, used, cost, at.rows, at.standardised)
+    covariance, regular = inverse(A)
+    return Solution(theta, covariance, arrived & settled & regular, used, chi2, e, weight)
 
 
-def solve_robust(problem: Problem, theta: Array, rounds: int = 30) -> tuple[Solution, Array]:
-    """Iteratively re-weighted fit under Student-t noise; returns the weights (..., T, m) too."""
-    solution = solve(problem, theta)
-    weight = _student_weight(solution.standardised)
-    for _ in range(rounds):
-        solution = solve(problem, solution.theta, weight, iterations=20)
-        new = _student_weight(solution.standardised)
-        settled = np.max(np.abs(new - weight), initial=0.0) < 1e-6
-        weight = new
-        if settled:
-            break
-    return solution, weight
+def descend(problem: Problem, theta: Array, fit: Index, W: Whitening) -> Descent:
+    """Levenberg-Marquardt under the noise that `W` whitens, at most ITERATIONS steps.
+
+    Damping lambda diag(A) makes the step independent of units; lambda follows how much of the
+    promised gain a step kept. Along no eigenvector does the position leap further than a part of
+    its distance from the stations, or distant sources are overshot (trap T18). A point has
+    arrived when the full Gauss-Newton step would lower chi2 by nothing that matters.
+    """
+    theta = np.array(theta)
+    r, J = _whitened(problem, theta, fit, W)
+    cost = np.einsum("nk,nk->n", r, r)
+    damping, growth = np.full(len(theta), 1e-3), np.full(len(theta), 2.0)
+    centre, spread = (part[fit] for part in problem.stations_heard())
+    d = problem.dims
+    arrived = np.zeros(len(theta), dtype=bool)
+    used = np.zeros(len(theta), dtype=np.int64)
+    live = np.flatnonzero(np.isfinite(cost))
+    while True:
+        w, V, units, g = _normal(r[live], J[live])
+        decrement = np.sum(g**2 / (w + RIDGE), axis=-1)
+        small = decrement <= DECREMENT * (1.0 + 1e-3 * cost[live])
+        last = np.einsum("nij,nj->ni", V[small], g[small] / (w[small] + RIDGE)) / units[small]
+        theta[live[small]] += last  # too small to need a look at what it leads to
+        arrived[live] = small | ((decrement <= ROUNDING) & (damping[live] > 1e6))
+        go = ~arrived[live] & (used[live] < ITERATIONS)
+        live = live[go]
+        if live.size == 0:
+            return Descent(theta, r, J, arrived, used)
+        before = cost[live]
+        reach = LEAP * (_length(theta[live, :d] - centre[live]) + spread[live])
+        step, promised = _step(w[go], V[go], units[go], g[go], damping[live], reach, d)
+        trial = theta[live] + step
+        r_trial, J_trial = _whitened(problem, trial, fit[live], W.part(live))
+        after = np.einsum("nk,nk->n", r_trial, r_trial)
+        used[live] += 1
+        better = after <= before
+        won, lost = live[better], live[~better]
+        theta[won], r[won], J[won] = trial[better], r_trial[better], J_trial[better]
+        cost[won] = after[better]
+        kept = (before[better] - after[better]) > 0.75 * promised[better]
+        damping[won] = np.maximum(np.where(kept, 0.01, 0.3) * damping[won], 1e-12)
+        growth[won] = 2.0
+        damping[lost] = np.minimum(growth[lost] * damping[lost], 1e12)
+        growth[lost] *= 2.0
 
 
-def _student_weight(e: Array) -> Array:
-    result: Array = (STUDENT_DOF + 1.0) / (STUDENT_DOF + e**2)
-    return np.minimum(result, 1.0)
+def _normal(r: Array, J: Array) -> tuple[Array, Array, Array, Array]:
+    """Spectrum w, V, units of J'J (see `spectrum`) and J'r in its eigenvectors and units."""
+    w, V, units = spectrum(np.einsum("nki,nkj->nij", J, J))
+    g = np.einsum("nki,nk->ni", J, r) / units
+    return w, V, units, np.einsum("nij,ni->nj", V, g)
+
+
+def _step(
+    w: Array, V: Array, units: Array, g: Array, damping: Array, reach: Array, d: int
+) -> tuple[Array, Array]:
+    """Damped step (N, n), of which no eigenvector moves the first d beyond `reach` (N,) m.
+
+    Second, by how much chi2 should fall (N,), if nothing holds the step back.
+    """
+    lam = damping[:, None]
+    share = g / (w + lam + RIDGE)
+    part = V * share[:, None, :] / units[..., None]
+    length = _length(np.swapaxes(part[:, :d], -1, -2))
+    held = reach[:, None] / np.maximum(length, reach[:, None])
+    return np.einsum("nij,nj->ni", part, held), np.sum(share**2 * (w + 2.0 * lam), axis=-1)
+
+
+def _length(x: Array) -> Array:
+    """Length of vectors x (..., d)."""
+    result: Array = np.sqrt(np.einsum("...i,...i->...", x, x))
+    return result
+
+
+def huber_weight(e: Array) -> Array:
+    """Weight of standardised residuals e that makes their sizes count instead of their squares."""
+    result: Array = 1.0 / np.maximum(np.abs(e), 1.0)
+    return result
+
+
+def student_weight(e: Array) -> Array:
+    """Weight (dof + 1)/(dof + e²), at most 1, of standardised residuals e under Student-t noise."""
+    result: Array = np.minimum((STUDENT_DOF + 1.0) / (STUDENT_DOF + e**2), 1.0)
+    return result
 
 
 def student_cost(e: Array) -> Array:
-    """Return minus twice the Student-t log-likelihood of standardised residuals (..., T, m)."""
+    """Return minus twice the Student-t log-likelihood of standardised residuals (..., T, k)."""
     result: Array = (STUDENT_DOF + 1.0) * np.sum(np.log1p(e**2 / STUDENT_DOF), axis=(-2, -1))
     return result
 
 
-def _where(mask: Mask, new: Array, old: Array) -> Array:
-    result: Array = np.where(mask.reshape(mask.shape + (1,) * (new.ndim - mask.ndim)), new, old)
-    return result
+def _whitened(problem: Problem, theta: Array, fit: Index, W: Whitening) -> tuple[Array, Array]:
+    """Whitened residuals r (N, K) and their Jacobian J (N, K, n), the prior's rows behind."""
+    nu, H = residuals(problem, theta, fit)
+    N, n = theta.shape
+    white = (W @ np.concatenate([H, nu[..., None]], axis=-1)).reshape(N, -1, n + 1)
+    r, J = white[..., -1], white[..., :-1]
+    if problem.velocity_std is None:
+        return r, J
+    d, std = problem.dims, problem.velocity_std
+    prior = np.broadcast_to(np.eye(n)[d:] / std[:, None], (N, d, n))
+    J = np.concatenate([J, prior], axis=-2)
+    return np.concatenate([r, -theta[:, d:] / std], axis=-1), J
 
 
-def _normal(at: System) -> tuple[Array, Array]:
-    A = np.einsum("...ki,...kj->...ij", at.J, at.J)
-    return A, np.einsum("...ki,...k->...i", at.J, at.r)
-
-
-def _damped_step(A: Array, g: Array, damping: Array) -> Array:
-    """Solve (A + damping diag A) step = g in units where diag A = 1, floored against zeros."""
-    scale = np.sqrt(np.einsum("...ii->...i", A))
-    top = np.max(scale, axis=-1, keepdims=True)
-    scale = np.maximum(scale, np.where(top > 0.0, 1e-9 * top, 1.0))
-    unit = A / (scale[..., :, None] * scale[..., None, :])
-    ridge = (damping + 1e-14)[..., None, None] * np.eye(A.shape[-1])
-    result: Array = np.linalg.solve(unit + ridge, (g / scale)[..., None])[..., 0] / scale
-    return result
-
-
-def _inverse(A: Array) -> tuple[Array, Mask]:
-    """Inverse of A (..., n, n), NaN where it is singular to working accuracy; and where not."""
-    scale = np.sqrt(np.einsum("...ii->...i", A))
-    safe = np.where(scale > 0.0, scale, 1.0)
-    unit = A / (safe[..., :, None] * safe[..., None, :])
-    w, V = np.linalg.eigh(unit)
-    regular = (w[..., 0] > 1e-11 * w[..., -1]) & np.all(scale > 0.0, axis=-1)
-    w = np.where(regular[..., None], w, np.nan)
-    inverse = np.einsum("...ik,...k,...jk->...ij", V, 1.0 / w, V)
-    return gaussian.symmetric(inverse / (safe[..., :, None] * safe[..., None, :])), regular
+def _equal(R: Array, S: Array) -> Mask:
+    """Whether noise R and S (..., k, k) are the same, for each trial point or for all."""
+    scale = np.einsum("...ii->...i", np.abs(S))
+    bound = 1e-9 * np.sqrt(scale[..., :, None] * scale[..., None, :])
+    differ: Mask = np.abs(R - S) > bound  # NaN, where nothing is measured, is no difference
+    return np.asarray(~np.any(differ, axis=(-3, -2, -1) if R.ndim == 4 else None))

@@ -1,0 +1,9 @@
+"""Pictures of tracks, errors, geometry and scenes, drawn without pyplot's global state."""
+
+from imm_tdoa.plot.agreement import calibration
+from imm_tdoa.plot.dilution import gdop
+from imm_tdoa.plot.errors import error
+from imm_tdoa.plot.scenes import scene
+from imm_tdoa.plot.tracks import track
+
+__all__ = ["calibration", "error", "gdop", "scene", "track"]

@@ -1,0 +1,63 @@
+"""``imm-tdoa simulate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from cli_cases import run, words
+
+from imm_tdoa.recording import read
+from imm_tdoa.simulate import scenarios
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {f.name: f.read_bytes() for f in folder.iterdir() if f.suffix != ".png"}
+
+
+def test_same_seed_same_recording(tmp_path: Path) -> None:
+    folders = [tmp_path / name for name in ("a", "b", "c")]
+    for folder, seed in zip(folders, ("7", "7", "8"), strict=True):
+        code, text = run("simulate", "source-a", "--out", folder, "--seed", seed)
+        assert code == 0
+        assert (folder / "scene.png").stat().st_size > 10_000
+    assert "targets 3" in words(text)
+    assert files(folders[0]) == files(folders[1])
+    assert files(folders[0]) != files(folders[2])
+    recording = read(folders[0])
+    assert recording.truth is not None
+    assert len(recording.targets) == 3
+
+
+def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
+    folder = tmp_path / "rec"
+    assert run("simulate", "source-a", "--out", folder)[0] == 0
+    before = files(folder)
+    code, text = run("simulate", "source-a", "--out", folder, "--seed", "9")
+    assert (code, text) == (
+        2,
+        f"imm-tdoa: error: --out: {str(folder)!r} is not empty; give --force to replace a "
+        f"recording\n",
+    )
+    assert files(folder) == before
+    assert run("simulate", "source-a", "--out", folder, "--seed", "9", "--force")[0] == 0
+    assert files(folder) != before
+
+
+def test_force_does_not_touch_what_is_no_recording(tmp_path: Path) -> None:
+    (tmp_path / "letter.txt").write_text("dear", "utf-8")
+    code, text = run("simulate", "source-a", "--out", tmp_path, "--force")
+    assert code == 2
+    assert text.startswith("imm-tdoa: error: ")
+    assert [f.name for f in tmp_path.iterdir()] == ["letter.txt"]
+
+
+@pytest.mark.parametrize("wrong", ["sampel", "nowhere/scenario.toml"])
+def test_unknown_scenario(wrong: str, tmp_path: Path) -> None:
+    code, text = run("simulate", wrong, "--out", tmp_path / "rec")
+    assert code == 2
+    assert text.startswith("imm-tdoa: error: scenario: ")
+    assert text.count("\n") == 1
+    if "/" not in wrong:
+        assert all(name in text for name in scenarios())
+        assert "did you mean 'sample'" in text
