@@ -13,7 +13,7 @@ from imm_tdoa.locate.problem import Problem, Whitening, noise, residuals, standa
 
 ITERATIONS = 60  # most iterations of one descent
 ROUNDS = 60  # most descents, the noise being taken anew in between
-HUBER = 4  # first rounds of a robust fit
+HUBER = 15  # first rounds of a robust fit
 STUDENT_DOF = 3.0  # tails of real arrival times
 DECREMENT = 1e-10  # a full step that would lower chi2 by less has arrived
 ROUNDING = 1e-4  # so has one this small that fails to lower chi2 at all

@@ -5,18 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import attrs
-import numpy as np
 
 from imm_tdoa.contract import Array, Mask
-from imm_tdoa.geometry import difference, incidence, range_rates
-from imm_tdoa.models.measurement import _sigma
-from imm_tdoa.models.measurement._pairs import shared_noise, spanning_rows
-from imm_tdoa.models.measurement._receiver import ReceiverMeasurement
-from imm_tdoa.stations import Stations, pair_index
+from imm_tdoa.geometry import difference, range_rates
+from imm_tdoa.models.measurement._differences import DifferenceMeasurement
+from imm_tdoa.stations import Stations
 
 
 @attrs.frozen(eq=False)
-class FDOA(ReceiverMeasurement):
+class FDOA(DifferenceMeasurement):
     """Range-rate differences, rate(station) - rate(reference), in m/s (ALGORITHMS §1.2).
 
     A frequency difference f_i - f_0 at carrier f is the range-rate difference -(c/f)(f_i - f_0).
@@ -48,24 +45,7 @@ class FDOA(ReceiverMeasurement):
     sigma_times: Any = attrs.field(default=None, kw_only=True)
 
     def __attrs_post_init__(self) -> None:
-        if (self.range_rate_sigma is None) == (self.difference_sigma is None):
-            raise ValueError(
-                f"FDOA: give exactly one of range_rate_sigma (per station) and difference_sigma "
-                f"(per difference), got range_rate_sigma={self.range_rate_sigma!r}, "
-                f"difference_sigma={self.difference_sigma!r}"
-            )
-        put = object.__setattr__
-        put(self, "pairs", pair_index(self.pairs, self.stations))
-        name = "range_rate_sigma" if self.difference_sigma is None else "difference_sigma"
-        rows = len(self.stations) if name == "range_rate_sigma" else self.size
-        value, times = _sigma.checked(name, getattr(self, name), rows, self.sigma_times)
-        put(self, name, value)
-        put(self, "sigma_times", times)
-
-    @property
-    def size(self) -> int:
-        """Number of rows m."""
-        return int(self.pairs.shape[-2])
+        self._check("range_rate_sigma", "difference_sigma")
 
     def predict(self, position: Array, velocity: Array, time: float | Array) -> Array:
         """Return range-rate differences (..., m), m/s."""
@@ -81,33 +61,15 @@ class FDOA(ReceiverMeasurement):
 
     def sensor_covariance(self, time: float | Array) -> Array:
         """Return the covariance (..., m, m) of the differences, (m/s)²."""
-        if self.difference_sigma is not None:
-            value, times = self.difference_sigma, self.sigma_times
-            sigma = _sigma.at("difference_sigma", value, times, time, self.size)
-            result: Array = sigma[..., None] ** 2 * np.eye(self.size)
-            return result
-        S = len(self.stations)
-        sigma = _sigma.at("range_rate_sigma", self.range_rate_sigma, self.sigma_times, time, S)
-        return shared_noise(sigma**2, self.pairs)
+        return self._covariance("range_rate_sigma", "difference_sigma", time)
 
     def station_jacobian(
         self, position: Array, velocity: Array, time: float | Array
     ) -> tuple[Array, Array]:
         """Return d rows / d station positions (-b) and velocities (-u), each (..., m, S, d)."""
         _, b, u = range_rates(position, velocity, *self.stations.at(time))
-        D = -incidence(self.pairs, len(self.stations))[..., None]
-        return D * b[..., None, :, :], D * u[..., None, :, :]
-
-    def heard(self, present: Mask) -> Mask:
-        """Return which stations (..., S) are in a `present` pair (..., m)."""
-        D = np.abs(incidence(self.pairs, len(self.stations)))
-        heard: Mask = np.einsum("...m,...ms->...s", present.astype(float), D) > 0.0
-        return heard
+        return self._of_differences(-b), self._of_differences(-u)
 
     def independent(self, present: Mask) -> Mask:
         """Return `present` (..., m) less the differences that close a loop of shared rates."""
-        return present if self.range_rate_sigma is None else spanning_rows(self.pairs, present)
-
-    def with_pairs(self, pairs: Any) -> FDOA:
-        """Return the same measurement between other station pairs (..., m, 2)."""
-        return attrs.evolve(self, pairs=pairs)
+        return self._without_loops(present, self.range_rate_sigma)

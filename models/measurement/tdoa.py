@@ -9,15 +9,13 @@ import numpy as np
 
 from imm_tdoa import _validate
 from imm_tdoa.contract import Array, Mask
-from imm_tdoa.geometry import difference, incidence, ranges
-from imm_tdoa.models.measurement import _sigma
-from imm_tdoa.models.measurement._pairs import shared_noise, spanning_rows
-from imm_tdoa.models.measurement._receiver import ReceiverMeasurement
-from imm_tdoa.stations import Stations, pair_index
+from imm_tdoa.geometry import difference, ranges
+from imm_tdoa.models.measurement._differences import DifferenceMeasurement
+from imm_tdoa.stations import Stations
 
 
 @attrs.frozen(eq=False)
-class TDOA(ReceiverMeasurement):
+class TDOA(DifferenceMeasurement):
     """Differences of arrival times, tdoa = arrival(station) - arrival(reference), in seconds.
 
     Parameters
@@ -52,24 +50,8 @@ class TDOA(ReceiverMeasurement):
     sigma_times: Any = attrs.field(default=None, kw_only=True)
 
     def __attrs_post_init__(self) -> None:
-        if (self.toa_sigma is None) == (self.tdoa_sigma is None):
-            raise ValueError(
-                f"TDOA: give exactly one of toa_sigma (per arrival) and tdoa_sigma (per "
-                f"difference), got toa_sigma={self.toa_sigma!r}, tdoa_sigma={self.tdoa_sigma!r}"
-            )
-        put = object.__setattr__
-        put(self, "pairs", pair_index(self.pairs, self.stations))
+        self._check("toa_sigma", "tdoa_sigma")
         _validate.positive("speed", self.speed)
-        name = "toa_sigma" if self.tdoa_sigma is None else "tdoa_sigma"
-        rows = len(self.stations) if name == "toa_sigma" else self.size
-        value, times = _sigma.checked(name, getattr(self, name), rows, self.sigma_times)
-        put(self, name, value)
-        put(self, "sigma_times", times)
-
-    @property
-    def size(self) -> int:
-        """Number of rows m."""
-        return int(self.pairs.shape[-2])
 
     @property
     def scale(self) -> Array:
@@ -91,32 +73,16 @@ class TDOA(ReceiverMeasurement):
 
     def sensor_covariance(self, time: float | Array) -> Array:
         """Return the covariance (..., m, m) of the differences, m²."""
-        if self.tdoa_sigma is not None:
-            sigma = _sigma.at("tdoa_sigma", self.tdoa_sigma, self.sigma_times, time, self.size)
-            result: Array = (self.speed * sigma[..., None]) ** 2 * np.eye(self.size)
-            return result
-        S = len(self.stations)
-        sigma = _sigma.at("toa_sigma", self.toa_sigma, self.sigma_times, time, S)
-        return shared_noise((self.speed * sigma) ** 2, self.pairs)
+        return self.speed**2 * self._covariance("toa_sigma", "tdoa_sigma", time)
 
     def station_jacobian(
         self, position: Array, velocity: Array, time: float | Array
     ) -> tuple[Array, Array]:
         """Return d rows / d station positions, -u_i and +u_0 (..., m, S, d), and zeros."""
         _, u = ranges(position, self.stations.at(time)[0])
-        J = -incidence(self.pairs, len(self.stations))[..., None] * u[..., None, :, :]
+        J = self._of_differences(-u)
         return J, np.zeros_like(J)
-
-    def heard(self, present: Mask) -> Mask:
-        """Return which stations (..., S) are in a `present` pair (..., m)."""
-        D = np.abs(incidence(self.pairs, len(self.stations)))
-        heard: Mask = np.einsum("...m,...ms->...s", present.astype(float), D) > 0.0
-        return heard
 
     def independent(self, present: Mask) -> Mask:
         """Return `present` (..., m) less the differences that close a loop of shared arrivals."""
-        return present if self.toa_sigma is None else spanning_rows(self.pairs, present)
-
-    def with_pairs(self, pairs: Any) -> TDOA:
-        """Return the same measurement between other station pairs (..., m, 2)."""
-        return attrs.evolve(self, pairs=pairs)
+        return self._without_loops(present, self.toa_sigma)

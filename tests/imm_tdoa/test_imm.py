@@ -23,7 +23,7 @@ from scipy.stats import chi2
 
 from imm_tdoa import IMM, Bank, Stations
 from imm_tdoa.contract import component_names
-from imm_tdoa.imm import mix
+from imm_tdoa.mixing import mix
 from imm_tdoa.models import (
     TDOA,
     TOA,
