@@ -12,8 +12,7 @@ from imm_tdoa.locate.normal import inverse, spectrum
 from imm_tdoa.locate.problem import Problem, Whitening, noise, residuals, standardised, whitening
 
 ITERATIONS = 60  # most iterations of one descent
-ROUNDS = 60  # most descents, the noise being taken anew in between
-HUBER = 15  # first rounds of a robust fit
+ROUNDS = 200  # most descents, the noise being taken anew in between
 STUDENT_DOF = 3.0  # tails of real arrival times
 DECREMENT = 1e-10  # a full step that would lower chi2 by less has arrived
 ROUNDING = 1e-4  # so has one this small that fails to lower chi2 at all
@@ -67,14 +66,17 @@ def solve(problem: Problem, theta: Array, fit: Index, *, robust: bool = False) -
     """
     N, n = theta.shape
     theta, weight = np.array(theta), None
+    temper = np.ones(N)
     if robust:
         nu, _ = residuals(problem, theta, fit)
-        weight = huber_weight(standardised(problem, nu, noise(problem, theta, fit), fit, None))
+        e = standardised(problem, nu, noise(problem, theta, fit), fit, None)
+        temper = _typical(e, problem.present[fit])
+        weight = student_weight(e / temper[:, None, None])
     arrived, settled = np.zeros(N, dtype=bool), np.zeros(N, dtype=bool)
     used = np.zeros(N, dtype=np.int64)
     e, chi2, A = np.zeros((N, *problem.z.shape[1:])), np.zeros(N), np.zeros((N, n, n))
     live = np.arange(N)
-    for k in range(ROUNDS):
+    for _ in range(ROUNDS):
         where, own = fit[live], None if weight is None else weight[live]
         R = noise(problem, theta[live], where)
         at = descend(problem, theta[live], where, whitening(problem, R, where, own))
@@ -87,9 +89,11 @@ def solve(problem: Problem, theta: Array, fit: Index, *, robust: bool = False) -
         nu, _ = residuals(problem, at.theta, where)
         e[live] = standardised(problem, nu, R_there, where, own)
         if weight is not None and own is not None:
-            weight[live] = (huber_weight if k < HUBER else student_weight)(e[live])
+            typical = _typical(e[live], problem.present[where])
+            temper[live] = np.maximum(np.minimum(typical, 0.3 * temper[live]), 1.0)
+            weight[live] = student_weight(e[live] / temper[live, None, None])
             change = np.max(np.abs(weight[live] - own), axis=(-2, -1), initial=0.0)
-            settled[live] &= (change <= 1e-4) & (k > HUBER)
+            settled[live] &= (change <= 1e-4) & (temper[live] == 1.0)
         live = live[arrived[live] & ~settled[live]]
         if live.size == 0:
             break
@@ -171,12 +175,6 @@ def _length(x: Array) -> Array:
     return result
 
 
-def huber_weight(e: Array) -> Array:
-    """Weight of standardised residuals e that makes their sizes count instead of their squares."""
-    result: Array = 1.0 / np.maximum(np.abs(e), 1.0)
-    return result
-
-
 def student_weight(e: Array) -> Array:
     """Weight (dof + 1)/(dof + e²), at most 1, of standardised residuals e under Student-t noise."""
     result: Array = np.minimum((STUDENT_DOF + 1.0) / (STUDENT_DOF + e**2), 1.0)
@@ -187,6 +185,17 @@ def student_cost(e: Array) -> Array:
     """Return minus twice the Student-t log-likelihood of standardised residuals (..., T, k)."""
     result: Array = (STUDENT_DOF + 1.0) * np.sum(np.log1p(e**2 / STUDENT_DOF), axis=(-2, -1))
     return result
+
+
+def _typical(e: Array, present: Mask) -> Array:
+    """Median size (N,) of the present residuals e (N, T, k), at least 1."""
+    size = np.sort(np.where(present, np.abs(e), np.inf).reshape(len(e), -1), axis=-1)
+    count = np.count_nonzero(present, axis=(-2, -1))
+    middle = np.maximum(count - 1, 0) // 2
+    if size.shape[-1] == 0:
+        return np.ones(len(e))
+    median = np.take_along_axis(size, middle[:, None], axis=-1)[:, 0]
+    return np.where(count > 0, np.maximum(median, 1.0), 1.0)
 
 
 def _whitened(problem: Problem, theta: Array, fit: Index, W: Whitening) -> tuple[Array, Array]:
