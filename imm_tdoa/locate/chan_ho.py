@@ -32,8 +32,10 @@ def chan_ho(
 
     Stage 1 solves for position and range to station 0 as if they were independent; stage 2
     imposes their relation. With just d + 1 stations a quadratic gives up to two roots, with
-    stations in a straight line (or plane) a mirror image: both are reported. Stations very
-    nearly in a line or plane are better served by `gauss_newton`.
+    stations in a straight line (or plane) a mirror image: both are reported. Where stage 1 alone
+    leaves position and range nearly undetermined (stations almost in a line or plane, some
+    emitter places with just d + 2 stations) the error exceeds the covariance: `gauss_newton`
+    has no such places.
 
     Parameters
     ----------
