@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from imm_tdoa import Stations
 from imm_tdoa.locate import chan_ho, gauss_newton
 
-RUNS = 50_000
+RUNS = 30_000
 PUBLISHED_RUNS = 100_000
 VARIANCE = {"I": 1e-3, "II": 1e-4}  # of a range difference, m²
 ARRAY = {"I": SENSORS, "II": LINE}
