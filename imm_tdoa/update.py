@@ -59,6 +59,12 @@ def iterated(
     elsewhere : callable
         Asked where (...) the extended update misses the scan; may give other states to begin
         from, which are taken where they fit better.
+
+    Returns
+    -------
+    Observation, list of Update
+        The scan as predicted, shared offsets eliminated (its innovations judge the prediction),
+        and the modes' updates.
     """
 
     def at_states(states: Sequence[Array]) -> Observation:
