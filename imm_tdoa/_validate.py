@@ -121,3 +121,10 @@ def covariance(name: str, value: Any, n: int) -> Array:
     if np.any(np.linalg.eigvalsh(correlation) < -1e-9 * n):
         raise ValueError(f"{name}: expected a positive semi-definite matrix")
     return P
+
+
+def one_of(name: str, value: Any, choices: Sequence[Any]) -> None:
+    """Raise a ValueError that lists the choices unless `value` is one of them."""
+    if value not in choices:
+        shown = ", ".join(repr(choice) for choice in choices)
+        raise ValueError(f"{name}: expected one of {shown}, got {value!r}")

@@ -139,6 +139,16 @@ class MeasurementModel(Protocol):
         """Return the noise covariance R (..., m, m)."""
         ...
 
+    def error_sources(
+        self, position: Array, velocity: Array, time: float | Array
+    ) -> tuple[Array, Array]:
+        """Return how k independent errors enter the rows, (..., m, k), and variances (..., k).
+
+        What can go grossly wrong by itself: an arrival that two differences share is one source.
+        Robust filters judge sources, so that no result depends on the choice of reference.
+        """
+        ...
+
     def independent(self, present: Mask) -> Mask:
         """Return `present` (..., m) less the rows that only repeat what other rows say."""
         ...
@@ -172,6 +182,10 @@ class Measurement:
         """Number of rows m of a scan."""
         raise NotImplementedError
 
+    def noise_covariance(self, position: Array, velocity: Array, time: float | Array) -> Array:
+        """Return the noise covariance R (..., m, m)."""
+        raise NotImplementedError
+
     @property
     def scale(self) -> Array:
         """Factor (m,) from the caller's units to internal units."""
@@ -186,6 +200,13 @@ class Measurement:
     def offset_group(self) -> Index:
         """Rows (m,) with the same number >= 0 share an unknown additive offset; -1: none."""
         return np.full(self.size, -1, dtype=np.int64)
+
+    def error_sources(
+        self, position: Array, velocity: Array, time: float | Array
+    ) -> tuple[Array, Array]:
+        """Return how independent errors enter the rows: here each row has its own."""
+        R = self.noise_covariance(position, velocity, time)
+        return np.eye(self.size), np.einsum("...ii->...i", R)
 
     def independent(self, present: Mask) -> Mask:
         """Return `present` (..., m) less the rows that only repeat what other rows say."""

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import attrs
 import numpy as np
-from scipy.special import chdtri
 
-from imm_tdoa import _validate, gaussian, initiation, mixture, observation, update
+from imm_tdoa import _validate, initiation
 from imm_tdoa.bank import Bank
-from imm_tdoa.contract import AXES, Array, Index, Mask, MeasurementModel
-from imm_tdoa.mixing import mix, predict
+from imm_tdoa.contract import AXES, Array, Index, MeasurementModel
+from imm_tdoa.cycle import ROBUST, UPDATES, Cycle, RobustRule, UpdateRule
+from imm_tdoa.mixing import MERGING, Merging
 from imm_tdoa.scans import Scans
-from imm_tdoa.state import State
+from imm_tdoa.state import State, Taken
 from imm_tdoa.statespace import StateSpace, apply_lift, lift
 from imm_tdoa.track import Track
 
@@ -29,16 +29,28 @@ class IMM:
         The motion models and the chain between them.
     measurement : MeasurementModel
         What is measured; its stations fix the number of space dimensions.
-    update : "ekf" or "iekf"
-        How a mode takes in a measurement: extended Kalman filter, or iterated: linearised where
-        the posterior is, for predictions so diffuse that the measurement bends over them.
-    robust : None or "gate"
-        ``"gate"``: rows that contradict the bank's prediction are left out, judged by a
-        chi-square test of the mixture innovation, row by row with correlations (data snooping),
-        and alike in every mode. A row left out never shrinks a covariance; it enters the
-        log-likelihood as if it lay on the gate, so that banks can be compared.
+    update : "ekf", "iekf", "ukf" or "ckf"
+        How a mode predicts and takes in a measurement: extended Kalman filter; iterated:
+        linearised where the posterior is, for predictions so diffuse that the measurement bends
+        over them; unscented or cubature: linearised over sigma points.
+    merging : "imm", "gpb1", "gpb2" or "autonomous"
+        How what the modes know is merged (§9): interacting; generalised pseudo-Bayes of first or
+        second order; not at all, models in parallel between which the emitter never switches.
+    robust : None, "gate" or "student-t"
+        What to do about gross errors; both judge the sources of error (an arrival that
+        differences share is one) against the mixture innovation, alike in every mode.
+        ``"gate"``: sources that contradict the bank's prediction in a chi-square test are left
+        out (data snooping); they enter the log-likelihood as if they lay on the gate.
+        ``"student-t"``: errors have heavy tails, and gross ones are trusted less; the
+        log-likelihood is a variational lower bound.
     gate_probability : float
-        Probability that a good row passes the gate.
+        Probability that a good source passes the gate.
+    degrees_of_freedom : float
+        Of Student's t: the smaller, the heavier the tails.
+    reopen_after : int
+        Robust filters only: after so many scans rejected on end (half or more of their rows
+        distrusted) the track is lost, and opens again: its covariance grows by all that the
+        birth law allows since the last scan that was taken in.
 
     Examples
     --------
@@ -48,24 +60,45 @@ class IMM:
 
     bank: Bank
     measurement: MeasurementModel
-    update: Literal["ekf", "iekf"] = attrs.field(default="ekf", kw_only=True)
-    robust: Literal["gate"] | None = attrs.field(default=None, kw_only=True)
+    update: UpdateRule = attrs.field(default="ekf", kw_only=True)
+    merging: Merging = attrs.field(default="imm", kw_only=True)
+    robust: RobustRule | None = attrs.field(default=None, kw_only=True)
     gate_probability: float = attrs.field(default=0.999, kw_only=True)
+    degrees_of_freedom: float = attrs.field(default=4.0, kw_only=True)
+    reopen_after: int = attrs.field(default=5, kw_only=True)
+    _cycle: Cycle = attrs.field(init=False, repr=False)
 
     def __attrs_post_init__(self) -> None:
         if not isinstance(self.bank, Bank):
             raise ValueError(f"bank: expected a Bank, got {self.bank!r}")
         if isinstance(self.measurement, type) or not isinstance(self.measurement, MeasurementModel):
             raise ValueError(f"measurement: no measurement model: {self.measurement!r}")
-        if self.update not in ("ekf", "iekf"):
-            raise ValueError(f"update: expected 'ekf' or 'iekf', got {self.update!r}")
-        if self.robust not in (None, "gate"):
-            raise ValueError(f"robust: expected None or 'gate', got {self.robust!r}")
+        _validate.one_of("update", self.update, UPDATES)
+        _validate.one_of("merging", self.merging, MERGING)
+        _validate.one_of("robust", self.robust, (None, *ROBUST))
         if not _validate.positive("gate_probability", self.gate_probability) < 1.0:
             raise ValueError(
                 f"gate_probability: expected a probability between 0 and 1, "
                 f"got {self.gate_probability!r}"
             )
+        _validate.positive("degrees_of_freedom", self.degrees_of_freedom)
+        if not isinstance(self.reopen_after, int) or self.reopen_after < 1:
+            raise ValueError(
+                f"reopen_after: expected a number of scans, 1 or more, got {self.reopen_after!r}"
+            )
+        bank = self.bank
+        if self.merging == "autonomous":
+            bank = attrs.evolve(bank, transition=np.eye(len(bank)), mean_sojourn=None)
+        cycle = Cycle(
+            bank,
+            self.update,
+            self.merging,
+            self.robust,
+            self.gate_probability,
+            self.degrees_of_freedom,
+            self.reopen_after,
+        )
+        object.__setattr__(self, "_cycle", cycle)
 
     @property
     def space(self) -> StateSpace:
@@ -134,8 +167,9 @@ class IMM:
             covariances=tuple(c for _, c in parts),
             log_mode_probability=log_p,
             log_likelihood=np.zeros(batch),
-            nis=np.full(batch, np.nan),
-            nis_dof=np.zeros(batch, dtype=np.int64),
+            taken=Taken.nothing(batch, len(self.bank), self.measurement.size),
+            rejections=np.zeros(batch, dtype=np.int64),
+            accepted=np.broadcast_to(time, batch),
             space=space,
             modes=self.bank.names,
         )
@@ -182,120 +216,13 @@ class IMM:
         _batch(state=state.log_likelihood.shape, time=time.shape, values=z.shape[:-1])
         _refuse_backwards("time", "state", state.time, time)
         dt = time - state.time
-        return self._advance(state, time, dt, self.bank.chain(dt), z, measurement)
+        return self._cycle(state, time, dt, self._cycle.bank.chain(dt), z, measurement)
 
     def _refuse_foreign(self, name: str, state: State) -> None:
         if not isinstance(state, State) or state.space.modes != self.space.modes:
             raise ValueError(
                 f"{name}: expected a state of this bank's modes, as IMM.start makes it"
             )
-
-    def _advance(
-        self,
-        state: State,
-        time: Array,
-        dt: Array,
-        chain: Array,
-        z: Array,
-        measurement: MeasurementModel,
-    ) -> State:
-        x, P, log_c = mix(state, chain, self.bank.mixing)
-        x, P = predict(self.bank.models, x, P, dt, state.space.dims)
-        batch = np.broadcast_shapes(log_c.shape[:-1], z.shape[:-1], time.shape)
-        state = attrs.evolve(
-            state,
-            time=time,
-            means=x,
-            covariances=P,
-            log_mode_probability=log_c,
-            log_likelihood=np.broadcast_to(state.log_likelihood, batch),
-        )
-        if not np.any(np.isfinite(z)):
-            dof = np.zeros(batch, dtype=np.int64)
-            return attrs.evolve(state, nis=np.full(batch, np.nan), nis_dof=dof)
-        return self._weigh(state, measurement, z, batch)
-
-    def _weigh(
-        self, state: State, measurement: MeasurementModel, z: Array, batch: tuple[int, ...]
-    ) -> State:
-        """Update each mode with the scan `z` and weigh the modes by how well they foresaw it."""
-        space, P, log_c = state.space, state.covariances, state.log_mode_probability
-
-        def look(x: Sequence[Array]) -> observation.Observation:
-            return observation.observe(
-                measurement, x, space.position, space.velocity, state.time, z
-            )
-
-        seen = look(state.means)
-        c, dropped = np.exp(log_c), np.zeros(batch)
-        if self.robust == "gate":
-            seen, dropped = self._gate(state, measurement, z, seen)
-        if self.update == "ekf":
-            seen, updates = update.extended(seen, state.means, P)
-        else:
-            seen, updates = self._iterate(state, measurement, z, look, seen)
-        log_joint = log_c + np.stack([u.log_likelihood for u in updates], axis=-1)
-        log_p, log_L = mixture.normalise(log_joint)
-        if not np.all(np.isfinite(log_L)):
-            raise ValueError(
-                f"values: at time {np.max(state.time):g} s no mode can explain the measurement "
-                f"(its likelihood is zero or not a number in every mode)"
-            )
-        nu, S = observation.mixture_innovation(seen, c, P)
-        dof = np.broadcast_to(np.count_nonzero(seen.present, axis=-1), batch)
-        white = np.linalg.solve(gaussian.factor(S), nu[..., None])[..., 0]
-        nis = np.where(dof > 0, np.einsum("...i,...i->...", white, white), np.nan)
-        return attrs.evolve(
-            state,
-            means=tuple(u.x for u in updates),
-            covariances=tuple(u.P for u in updates),
-            log_mode_probability=log_p,
-            log_likelihood=state.log_likelihood + log_L + dropped,
-            nis=nis,
-            nis_dof=dof,
-        )
-
-    def _iterate(
-        self,
-        state: State,
-        measurement: MeasurementModel,
-        z: Array,
-        look: Callable[[Sequence[Array]], observation.Observation],
-        seen: observation.Observation,
-    ) -> tuple[observation.Observation, list[gaussian.Update]]:
-        """Iterated update; where the prediction was far off it begins at the scan's own fix."""
-        x, P, space = state.means, state.covariances, state.space
-        rows = observation.usable_rows(z)
-
-        def elsewhere(lost: Mask) -> list[Array] | None:
-            kept = np.full((*lost.shape, z.shape[-1]), np.nan)
-            kept[..., rows] = np.where(seen.present & lost[..., None], z[..., rows], np.nan)
-            std = initiation.velocity_std(self.bank, space)
-            return update.at_own_fix(measurement, state.time, kept, x, P, space.position, std)
-
-        return update.iterated(look, seen, x, P, elsewhere)
-
-    def _gate(
-        self,
-        state: State,
-        measurement: MeasurementModel,
-        z: Array,
-        seen: observation.Observation,
-    ) -> tuple[observation.Observation, Array]:
-        """Return `seen` without the rows that the gate drops, and their log-density (...)."""
-        space, P = state.space, state.covariances
-        c = np.exp(state.log_mode_probability)
-        threshold = chdtri(1.0, 1.0 - self.gate_probability)  # chi-square quantile
-        judged = seen
-        if self.update == "iekf":
-            judged = update.curvature(
-                measurement, state.means, P, space.position, space.velocity, state.time, z, seen
-            )
-        kept = observation.gated(judged, c, P, threshold)
-        if np.array_equal(kept.present, seen.present):
-            return seen, np.zeros(state.log_likelihood.shape)
-        dropped = observation.dropped_log_density(judged, kept, c, P, threshold)
-        return attrs.evolve(seen, present=kept.present), dropped
 
     def run(
         self,
@@ -353,17 +280,19 @@ class IMM:
         it as it is.
         """
         begin = int(first.min())
+        nothing = Taken.nothing(first.shape, len(self.bank), scans.measurement.size)
+        state = attrs.evolve(state, taken=nothing)
         later = slice(begin + 1, None)
         clock = np.maximum(scans.times[..., later], state.time[..., None])
         dt = np.diff(
             clock, axis=-1, prepend=np.broadcast_to(state.time[..., None], (*clock.shape[:-1], 1))
         )
-        chain = self.bank.chain(dt)
+        chain = self._cycle.bank.chain(dt)
         waiting = np.arange(begin + 1, scans.count) <= first[..., None]
         values = np.where(waiting[..., None], np.nan, scans.values[..., later, :])
         states = [state] if begin >= 0 else []
         for k in range(values.shape[-2]):
-            state = self._advance(
+            state = self._cycle(
                 state,
                 clock[..., k],
                 dt[..., k],
@@ -373,7 +302,13 @@ class IMM:
             )
             states.append(state)
         rows = slice(max(begin, 0), None)
-        track = Track.from_states(states, scans.times[..., rows])
+        track = Track.from_states(
+            states,
+            scans.times[..., rows],
+            bank=self._cycle.bank,
+            update=self.update,
+            reopen_after=self.reopen_after,
+        )
         absent = np.arange(max(begin, 0), scans.count) < first[..., None]
         return track.blanked(absent) if np.any(absent) else track
 

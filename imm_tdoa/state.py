@@ -8,8 +8,49 @@ import attrs
 import numpy as np
 
 from imm_tdoa import mixture
-from imm_tdoa.contract import Array, Index
+from imm_tdoa.contract import Array, Index, Mask
 from imm_tdoa.statespace import StateSpace, apply_lift
+
+
+@attrs.frozen(eq=False)
+class Taken:
+    """What the last scan said, and how it was read.
+
+    Attributes
+    ----------
+    nis : (...)
+        Normalised innovation squared against the whole bank's prediction; NaN where the scan had
+        no usable row.
+    nis_dof : (...)
+        Degrees of freedom of `nis`: usable rows, less one per unknown shared offset.
+    mode_log_likelihood : (..., r)
+        Log-likelihood of the scan under each mode; 0 where there was nothing to take in.
+    mode_nis : (..., r)
+        Normalised innovation squared against each mode's own prediction.
+    row_weight : (..., m)
+        Share of its information that each row kept: 0 where the gate left it out; NaN missing.
+    reopened : (...)
+        Whether the prediction was widened because the track had rejected scans for too long.
+    """
+
+    nis: Array
+    nis_dof: Index
+    mode_log_likelihood: Array
+    mode_nis: Array
+    row_weight: Array
+    reopened: Mask
+
+    @classmethod
+    def nothing(cls, batch: tuple[int, ...], modes: int, rows: int) -> Taken:
+        """No scan."""
+        return cls(
+            nis=np.full(batch, np.nan),
+            nis_dof=np.zeros(batch, dtype=np.int64),
+            mode_log_likelihood=np.zeros((*batch, modes)),
+            mode_nis=np.full((*batch, modes), np.nan),
+            row_weight=np.full((*batch, rows), np.nan),
+            reopened=np.zeros(batch, dtype=bool),
+        )
 
 
 @attrs.frozen(eq=False)
@@ -28,11 +69,12 @@ class State:
         Logs of the mode probabilities; -inf is legal.
     log_likelihood : (...)
         Cumulative log-likelihood of all measurements taken in, in internal units (metres).
-    nis : (...)
-        Normalised innovation squared of the last scan against the whole bank's prediction;
-        NaN where the scan had no usable row.
-    nis_dof : (...)
-        Degrees of freedom of `nis`: usable rows, less one per unknown shared offset.
+    taken : Taken
+        What the last scan said.
+    rejections : (...)
+        Scans rejected one after the other until now.
+    accepted : (...)
+        Time of the last scan that was not rejected, s.
     space : StateSpace
         How the modes' components fit together.
     modes : tuple of str
@@ -44,8 +86,9 @@ class State:
     covariances: tuple[Array, ...]
     log_mode_probability: Array
     log_likelihood: Array
-    nis: Array
-    nis_dof: Index
+    taken: Taken
+    rejections: Index
+    accepted: Array
     space: StateSpace
     modes: tuple[str, ...]
 
@@ -53,6 +96,16 @@ class State:
     def components(self) -> tuple[str, ...]:
         """Names of the components of `mean`."""
         return self.space.components
+
+    @property
+    def nis(self) -> Array:
+        """Normalised innovation squared (...) of the last scan; see `Taken`."""
+        return self.taken.nis
+
+    @property
+    def nis_dof(self) -> Index:
+        """Degrees of freedom (...) of `nis`."""
+        return self.taken.nis_dof
 
     @property
     def mode_probability(self) -> Array:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, Literal
 
 import attrs
 import numpy as np
 
-from imm_tdoa.contract import AXES, Array, Index, component_names
+from imm_tdoa.bank import Bank
+from imm_tdoa.contract import AXES, Array, Index, Mask, component_names
 from imm_tdoa.state import State, combine
 from imm_tdoa.statespace import StateSpace
 
@@ -22,17 +24,33 @@ class Track:
         Times of the rows, s.
     mean, covariance : (..., T, n), (..., T, n, n)
         Combined estimate of all `components`.
-    mode_probability : (..., T, r)
-        Probability of each of `modes`.
+    log_mode_probability : (..., T, r)
+        Log-probability of each of `modes`; `mode_probability` has the probabilities.
     log_likelihood : (..., T)
         Cumulative log-likelihood of the measurements taken in, internal units (metres).
     nis, nis_dof : (..., T)
         Normalised innovation squared of each scan and its degrees of freedom; NaN and 0 where
         nothing was taken in.
+    mode_log_likelihood, mode_nis : (..., T, r)
+        Log-likelihood of each scan under each mode, and its normalised innovation squared
+        against the mode's own prediction; 0 and NaN where nothing was taken in.
     mode_means, mode_covariances : tuple of (..., T, n_j), (..., T, n_j, n_j)
         Each mode's own estimate.
+    row_weight : (..., T, m)
+        Share of its information that each row kept: 1, less where a robust filter trusted it
+        less, 0 where the gate left it out; NaN is missing.
+    lost : (..., T)
+        Whether so many scans were rejected on end that the track does not know where it is.
+    reopened : (..., T)
+        Whether the track was widened there because it was lost.
+    bank : Bank
+        The bank that made it.
     modes : tuple of str
         Mode names.
+    update : str
+        How the modes took in measurements.
+    smoothed : bool
+        Whether each row knows of later scans (`smooth`).
     engine : str
         What computed it.
 
@@ -42,47 +60,80 @@ class Track:
     times: Array
     mean: Array
     covariance: Array
-    mode_probability: Array
+    log_mode_probability: Array
     log_likelihood: Array
     nis: Array
     nis_dof: Index
+    mode_log_likelihood: Array
+    mode_nis: Array
     mode_means: tuple[Array, ...]
     mode_covariances: tuple[Array, ...]
+    row_weight: Array
+    lost: Mask
+    reopened: Mask
+    bank: Bank
     space: StateSpace
     modes: tuple[str, ...]
+    update: str = "ekf"
+    smoothed: bool = False
     engine: str = "numpy"
 
     @classmethod
-    def from_states(cls, states: Sequence[State], times: Array) -> Track:
+    def from_states(
+        cls,
+        states: Sequence[State],
+        times: Array,
+        *,
+        bank: Bank,
+        update: str = "ekf",
+        reopen_after: int = 5,
+    ) -> Track:
         """Stack the states of successive scans at `times` (T,) or (..., T)."""
-        first = states[-1]
-        batch = first.log_likelihood.shape
+        last = states[-1]
+        batch = last.log_likelihood.shape
 
-        def stacked(arrays: Sequence[Array], trailing: int) -> Array:
+        def stacked(arrays: Sequence[Any], trailing: int) -> Any:
             shapes = [batch + a.shape[a.ndim - trailing :] for a in arrays]
             full = [np.broadcast_to(a, s) for a, s in zip(arrays, shapes, strict=True)]
             return np.stack(full, axis=len(batch))
 
-        r = len(first.modes)
+        r = len(last.modes)
         means = tuple(stacked([s.means[j] for s in states], 1) for j in range(r))
         covariances = tuple(stacked([s.covariances[j] for s in states], 2) for j in range(r))
-        probability = np.exp(stacked([s.log_mode_probability for s in states], 1))
-        mean, covariance = combine(first.space, probability, means, covariances)
+        log_probability = stacked([s.log_mode_probability for s in states], 1)
+        mean, covariance = combine(last.space, np.exp(log_probability), means, covariances)
+        taken = [s.taken for s in states]
         return cls(
             times=times,
             mean=mean,
             covariance=covariance,
-            mode_probability=probability,
+            log_mode_probability=log_probability,
             log_likelihood=stacked([s.log_likelihood for s in states], 0),
-            nis=stacked([s.nis for s in states], 0),
-            nis_dof=np.stack([np.broadcast_to(s.nis_dof, batch) for s in states], axis=-1),
+            nis=stacked([t.nis for t in taken], 0),
+            nis_dof=stacked([t.nis_dof for t in taken], 0),
+            mode_log_likelihood=stacked([t.mode_log_likelihood for t in taken], 1),
+            mode_nis=stacked([t.mode_nis for t in taken], 1),
             mode_means=means,
             mode_covariances=covariances,
-            space=first.space,
-            modes=first.modes,
+            row_weight=stacked([t.row_weight for t in taken], 1),
+            lost=stacked([s.rejections >= reopen_after for s in states], 0),
+            reopened=stacked([t.reopened for t in taken], 0),
+            bank=bank,
+            space=last.space,
+            modes=last.modes,
+            update=update,
         )
 
-    def blanked(self, absent: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> Track:
+    def smooth(self, method: Literal["pairwise", "kim"] = "pairwise") -> Track:
+        """Return the track with every row estimated from all scans, later ones included (§9.5).
+
+        See `imm_tdoa.smoothing.smooth`.
+        """
+        from imm_tdoa.smoothing import smooth
+
+        return smooth(self, method)
+
+    def blanked(self, absent: Mask) -> Track:
         """Return the track with NaN where `absent` (..., T)."""
 
         def blank(a: Array, trailing: int) -> Array:
@@ -94,9 +145,12 @@ class Track:
             self,
             mean=blank(self.mean, 1),
             covariance=blank(self.covariance, 2),
-            mode_probability=blank(self.mode_probability, 1),
+            log_mode_probability=blank(self.log_mode_probability, 1),
             log_likelihood=blank(self.log_likelihood, 0),
             nis=blank(self.nis, 0),
+            mode_log_likelihood=blank(self.mode_log_likelihood, 1),
+            mode_nis=blank(self.mode_nis, 1),
+            row_weight=blank(self.row_weight, 1),
             mode_means=tuple(blank(x, 1) for x in self.mode_means),
             mode_covariances=tuple(blank(P, 2) for P in self.mode_covariances),
         )
@@ -105,6 +159,12 @@ class Track:
     def components(self) -> tuple[str, ...]:
         """Names of the components of `mean`."""
         return self.space.components
+
+    @property
+    def mode_probability(self) -> Array:
+        """Probability (..., T, r) of each of `modes`."""
+        result: Array = np.exp(self.log_mode_probability)
+        return result
 
     @property
     def position(self) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from imm_tdoa import gaussian
 from imm_tdoa.contract import Array, Index, Mask, MeasurementModel
 from imm_tdoa.locate.gauss_newton import fix_scans
-from imm_tdoa.observation import Observation, usable_rows, without_offsets
+from imm_tdoa.observation import Observation, predict_each, usable_rows, without_offsets
 from imm_tdoa.scans import Scans
 
 STRAIGHT = 1e-2  # an extended update that misses its own promise by less needs no iteration
@@ -51,9 +51,9 @@ def iterated(
     Parameters
     ----------
     look : callable
-        Gives the scan linearised at other states of the modes.
+        Gives the scan linearised at other states of the modes, the same rows present.
     seen : Observation
-        The scan linearised at the predictions; its `present` rows are used.
+        The scan linearised at the predictions.
     x, P : sequence of (..., n_j), (..., n_j, n_j)
         The predictions.
     elsewhere : callable
@@ -67,9 +67,6 @@ def iterated(
         and the modes' updates.
     """
 
-    def at_states(states: Sequence[Array]) -> Observation:
-        return attrs.evolve(look(states), present=seen.present)
-
     def extended_at(there: Observation, states: Sequence[Array]) -> list[gaussian.Update]:
         nu = tuple(
             n - np.einsum("...ij,...j->...i", H, xj - a)
@@ -80,7 +77,7 @@ def iterated(
     free, plain = extended(seen, x, P)
     at: Sequence[Array] = [u.x for u in plain]
     inverse = [_inverse_root(Pj) for Pj in P]
-    there = at_states(at)
+    there = look(at)
     cost = _misfit(there, at, x, inverse)
     bent = [c > 1.001 * u.nis + STRAIGHT for c, u in zip(cost, plain, strict=True)]
     dof = np.count_nonzero(free.present, axis=-1)
@@ -90,11 +87,11 @@ def iterated(
         return free, plain
     fixed = elsewhere(far) if np.any(far) else None
     for other in [x] if fixed is None else [x, fixed]:
-        away = _misfit(at_states(other), other, x, inverse)
+        away = _misfit(look(other), other, x, inverse)
         better = [far & (b < a) for a, b in zip(cost, away, strict=True)]
         at = [_where(w, o, a) for w, o, a in zip(better, other, at, strict=True)]
         cost = [np.where(w, b, a) for w, a, b in zip(better, cost, away, strict=True)]
-    updates, settled = _descend(at_states, extended_at, at, cost, x, inverse)
+    updates, settled = _descend(look, extended_at, at, cost, x, inverse)
     settled &= ~straight
     return free, [
         gaussian.Update(*(_where(settled, a, b) for a, b in zip(new, old, strict=True)))
@@ -103,7 +100,7 @@ def iterated(
 
 
 def _descend(
-    at_states: Callable[[Sequence[Array]], Observation],
+    look: Callable[[Sequence[Array]], Observation],
     extended_at: Callable[[Observation, Sequence[Array]], list[gaussian.Update]],
     at: Sequence[Array],
     cost: Sequence[Array],
@@ -111,7 +108,7 @@ def _descend(
     inverse: Sequence[Array],
 ) -> tuple[list[gaussian.Update], Mask]:
     """Gauss-Newton from the states `at`, halving steps that fit worse; and who (...) arrived."""
-    there = at_states(at)
+    there = look(at)
     for _ in range(ITERATIONS):
         updates = extended_at(there, at)
         step = [u.x - a for u, a in zip(updates, at, strict=True)]
@@ -124,7 +121,7 @@ def _descend(
         share = [np.ones(m.shape) for m in moved]
         for _ in range(HALVINGS):
             trial = [a + q[..., None] * d for a, q, d in zip(at, share, step, strict=True)]
-            there = at_states(trial)
+            there = look(trial)
             now = _misfit(there, trial, x, inverse)
             worse = [n > c + 1e-9 * (1.0 + c) for n, c in zip(now, cost, strict=True)]
             if not np.any(worse):
@@ -213,7 +210,7 @@ def curvature(
         speed = xj[..., None, v] if len(v) else np.zeros_like(place)
         there = np.concatenate([place, place + reach, place - reach], axis=-2)
         speeds = np.broadcast_to(speed, there.shape)
-        h = measurement.predict(there, speeds, np.asarray(time)[..., None])[..., rows]
+        h = predict_each(measurement, there, speeds, time)[..., rows]
         d = len(p)
         bend = 0.5 * (h[..., 1 : d + 1, :] + h[..., d + 1 :, :]) - h[..., :1, :]
         nus.append(nu - np.sum(bend, axis=-2))

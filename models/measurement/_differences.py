@@ -51,6 +51,17 @@ class DifferenceMeasurement(ReceiverMeasurement):
         sigma = _sigma.at(shared, per_station, self.sigma_times, time, len(self.stations))
         return shared_noise(sigma**2, self.pairs)
 
+    def _sources(
+        self, shared: str, own: str, scale: float, position: Array, velocity: Array, time: Any
+    ) -> tuple[Array, Array]:
+        """Return the stations' own errors as sources where they are shared, else the rows'."""
+        if getattr(self, shared) is None:
+            return super().error_sources(position, velocity, time)
+        sigma = scale * _sigma.at(
+            shared, getattr(self, shared), self.sigma_times, time, len(self.stations)
+        )
+        return incidence(self.pairs, len(self.stations)), sigma**2
+
     def _of_differences(self, rows: Array) -> Array:
         """Take derivatives by each station's own state, (..., S, d), to (..., m, S, d)."""
         D = incidence(self.pairs, len(self.stations))

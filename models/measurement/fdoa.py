@@ -63,6 +63,12 @@ class FDOA(DifferenceMeasurement):
         """Return the covariance (..., m, m) of the differences, (m/s)²."""
         return self._covariance("range_rate_sigma", "difference_sigma", time)
 
+    def error_sources(
+        self, position: Array, velocity: Array, time: float | Array
+    ) -> tuple[Array, Array]:
+        """Return the stations' rates as sources with `range_rate_sigma`, else the rows."""
+        return self._sources("range_rate_sigma", "difference_sigma", 1.0, position, velocity, time)
+
     def station_jacobian(
         self, position: Array, velocity: Array, time: float | Array
     ) -> tuple[Array, Array]:

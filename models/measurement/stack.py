@@ -107,6 +107,20 @@ class Stack:
                     R[..., there, here] = np.swapaxes(C, -1, -2)
         return R
 
+    def error_sources(
+        self, position: Array, velocity: Array, time: float | Array
+    ) -> tuple[Array, Array]:
+        """Return the models' sources of error, block by block."""
+        parts = [m.error_sources(position, velocity, time) for m in self.models]
+        blocks = _same_batch([D for D, _ in parts], 2)
+        D = np.zeros((*blocks[0].shape[:-2], self.size, sum(b.shape[-1] for b in blocks)))
+        row = column = 0
+        for block in blocks:
+            m, k = block.shape[-2:]
+            D[..., row : row + m, column : column + k] = block
+            row, column = row + m, column + k
+        return D, np.concatenate(_same_batch([v for _, v in parts], 1), axis=-1)
+
     def independent(self, present: Mask) -> Mask:
         """Return `present` (..., m) less the rows each model calls redundant."""
         ends = np.cumsum([model.size for model in self.models])[:-1]

@@ -75,6 +75,12 @@ class TDOA(DifferenceMeasurement):
         """Return the covariance (..., m, m) of the differences, m²."""
         return self.speed**2 * self._covariance("toa_sigma", "tdoa_sigma", time)
 
+    def error_sources(
+        self, position: Array, velocity: Array, time: float | Array
+    ) -> tuple[Array, Array]:
+        """Return the arrivals as sources of error with `toa_sigma`, the rows with `tdoa_sigma`."""
+        return self._sources("toa_sigma", "tdoa_sigma", self.speed, position, velocity, time)
+
     def station_jacobian(
         self, position: Array, velocity: Array, time: float | Array
     ) -> tuple[Array, Array]:

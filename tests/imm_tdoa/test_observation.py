@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import attrs
 import numpy as np
-import pytest
 from imm_oracles import mixture_moments
 from numpy.testing import assert_allclose, assert_array_equal
 
-from imm_tdoa import IMM, Bank, Stations, gaussian
+from imm_tdoa import IMM, Bank, Stations
 from imm_tdoa.contract import Measurement
 from imm_tdoa.models import (
     FDOA,
@@ -20,7 +19,7 @@ from imm_tdoa.models import (
     Stack,
     Static,
 )
-from imm_tdoa.observation import gated, mixture_innovation, observe, without_offsets
+from imm_tdoa.observation import mixture_innovation, observe, without_offsets
 
 CORNERS = np.array([[0.0, 0.0], [2e3, 0.0], [0.0, 2e3], [2.1e3, 2.2e3], [900.0, -800.0]])
 STATIONS = Stations(CORNERS, velocities=np.full((5, 2), 3.0))
@@ -200,53 +199,3 @@ def test_the_banks_innovation_is_the_mixture_of_the_modes():
     nu, S = mixture_innovation(dropped, weight, P)
     assert (nu[1], S[1, 1]) == (0.0, 1.0)
     assert_array_equal(S[1, [0, 2, 3]], 0.0)
-
-
-@pytest.mark.parametrize("corrupted", range(5))
-def test_the_gate_finds_one_bad_arrival_behind_an_unknown_emission_time(corrupted):
-    """Its error spreads over all residuals; snooping still names the station."""
-    toa = TOA(STATIONS, sigma=1e-8)
-    p = np.array([700.0, 900.0])
-    z = np.linalg.norm(p - CORNERS, axis=1) / 299_792_458.0 + 4.56
-    z[corrupted] += 2e-6
-    seen = against(toa, z, x=[(702.0, 899.0)])
-    P = [25.0 * np.eye(2)]
-    kept = gated(seen, np.ones(1), P, 10.83).present
-    assert_array_equal(kept, np.arange(5) != corrupted)
-
-
-def test_the_gate_finds_one_bad_difference_among_correlated_ones():
-    """Rows that share station 0 are correlated by half; the others stay."""
-    tdoa = TDOA(STATIONS, toa_sigma=1e-8)
-    p = np.array([700.0, 900.0])
-    clean = tdoa.predict(p, np.zeros(2), 0.0) / 299_792_458.0
-    for row in range(4):
-        z = clean.copy()
-        z[row] += 1e-6
-        seen = against(tdoa, z, x=[(702.0, 899.0)])
-        kept = gated(seen, np.ones(1), [25.0 * np.eye(2)], 10.83).present
-        assert_array_equal(kept, np.arange(4) != row)
-
-
-def test_the_gates_statistic_is_the_loss_of_nis():
-    """Leave each station out of a TOA scan: the row whose absence helps most is dropped."""
-    rng = np.random.default_rng(2)
-    toa = TOA(STATIONS, sigma=1e-8)
-    p, P = np.array([700.0, 900.0]), np.array([[30.0, 5.0], [5.0, 20.0]])
-    for _ in range(20):
-        z = np.linalg.norm(p - CORNERS, axis=1) / 299_792_458.0 + 2e-8 * rng.normal(size=5)
-
-        def nis(rows, z=z):
-            value = np.where(rows, z, np.nan)
-            seen = without_offsets(against(toa, value, x=[p]))
-            nu, H, R = gaussian.mask_rows(seen.nu[0], seen.H[0], seen.R[0], seen.present)
-            return float(nu @ np.linalg.solve(H @ P @ H.T + R, nu))
-
-        every = np.ones(5, dtype=bool)
-        loss = np.array([nis(every) - nis(np.arange(5) != i) for i in range(5)])
-        for threshold in (0.999 * loss.max(), 1.001 * loss.max()):
-            seen = against(toa, z, x=[p])
-            kept = gaussian.snoop(
-                *mixture_innovation(seen, np.ones(1), [P]), seen.present, seen.group, threshold
-            )
-            assert kept[np.argmax(loss)] == (threshold > loss.max())
