@@ -18,7 +18,7 @@ from imm_tdoa.gaussian import symmetric
 
 Rule = Literal["ukf", "ckf"]
 
-SINGULAR = 1e-13  # variance that counts as none, of a correlation matrix's largest
+SINGULAR = 1e-13  # share of its variance that a component has to itself, which counts as none
 
 
 class Line(NamedTuple):
@@ -88,15 +88,27 @@ def fit(
 
 
 def roots(P: Array) -> tuple[Array, Array]:
-    """Return L and W (..., n, n) with L L' = P and W its inverse, as far as P is regular."""
+    """Return lower triangular L and W (..., n, n): L L' = P, and W its inverse where P is regular.
+
+    Cholesky's factor in units of the standard deviations; a component that the ones before it
+    determine has a column of zeros in L and a row of zeros in W.
+    """
+    n = P.shape[-1]
     variance = np.einsum("...ii->...i", P)
     sd = np.sqrt(np.where(variance > 0.0, variance, 1.0))
-    w, V = np.linalg.eigh(P / (sd[..., :, None] * sd[..., None, :]))
-    regular = w > SINGULAR * w[..., -1:]
-    s = np.sqrt(np.where(regular, w, 1.0))
-    L = sd[..., :, None] * V * np.where(regular, s, 0.0)[..., None, :]
-    W = np.where(regular, 1.0 / s, 0.0)[..., :, None] * np.swapaxes(V, -1, -2) / sd[..., None, :]
-    return L, W
+    rest = P / (sd[..., :, None] * sd[..., None, :])
+    L, regular = np.zeros(P.shape), np.zeros(variance.shape, dtype=bool)
+    for k in range(n):
+        pivot = rest[..., k, k]
+        regular[..., k] = pivot > SINGULAR
+        root = np.sqrt(np.where(regular[..., k], pivot, 1.0))[..., None]
+        column = np.where(regular[..., k, None], rest[..., :, k] / root, 0.0)
+        column[..., :k] = 0.0
+        L[..., :, k] = column
+        rest = rest - column[..., :, None] * column[..., None, :]
+    W = np.linalg.inv(L + np.where(regular, 0.0, 1.0)[..., None] * np.eye(n))
+    W = np.where(regular[..., None], W, 0.0) / sd[..., None, :]
+    return sd[..., None] * L, W
 
 
 def _definite(left: Array, weight: Array) -> Array:

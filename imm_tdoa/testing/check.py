@@ -47,6 +47,7 @@ _MEASUREMENT = (
     noise.position_jacobian,
     noise.velocity_jacobian,
     noise.noise_covariance,
+    noise.error_sources,
     noise.noise_definite,
     noise.independent_rows,
     symmetry.translation,

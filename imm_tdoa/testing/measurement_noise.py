@@ -78,6 +78,31 @@ def noise_covariance(subject: Measured, draw: Draw) -> None:
 
 
 @law(
+    "error sources",
+    "error_sources() = D (m, k), v (k,): v >= 0, every row has a source, and no row gets more "
+    "variance from its sources than R gives it: sum_k D_ik^2 v_k <= R_ii",
+)
+def error_sources(subject: Measured, draw: Draw) -> None:
+    """What a robust filter takes to be able to go wrong by itself."""
+    k = subject.draw_place(draw)
+    D, v = (np.asarray(a, dtype=float) for a in subject.model.error_sources(*k))
+    m = int(subject.model.size)
+    if D.ndim != 2 or D.shape[0] != m or v.shape != D.shape[1:]:
+        raise ViolationError(f"D has shape {D.shape} and v {v.shape}, expected ({m}, k) and (k,)")
+    if not (np.all(np.isfinite(D)) and np.all(np.isfinite(v)) and np.all(v >= 0.0)):
+        raise ViolationError("D or v has entries that are negative variances or not finite")
+    lacking = np.flatnonzero(~np.any(D != 0.0, axis=1))
+    if len(lacking):
+        raise ViolationError(f"row {lacking[0]} has no source of error")
+    got, R = np.sum(D**2 * v, axis=1), np.diag(subject.noise(k))
+    worst = int(np.argmax(got - R))
+    if got[worst] > R[worst] * (1.0 + 1e-9):
+        raise ViolationError(
+            f"the sources give row {worst} the variance {show(got[worst])}, R {show(R[worst])}"
+        )
+
+
+@law(
     "noise definite",
     "R is positive definite over the rows that independent() keeps of any that arrive, less the "
     "reference row of each offset group",

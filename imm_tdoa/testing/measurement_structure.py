@@ -20,6 +20,7 @@ METHODS = (
     "predict",
     "jacobian",
     "noise_covariance",
+    "error_sources",
     "independent",
     "anchors",
     "with_pairs",

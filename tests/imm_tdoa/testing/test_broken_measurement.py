@@ -56,6 +56,20 @@ class NegativeNoise(TDOA):
         return -super().noise_covariance(position, velocity, time)
 
 
+class SourcesTooLarge(TDOA):
+    def error_sources(self, position, velocity, time):
+        D, v = super().error_sources(position, velocity, time)
+        return D, 2.0 * v
+
+
+class NoSource(TDOA):
+    """Nothing can go wrong with the last row."""
+
+    def error_sources(self, position, velocity, time):
+        D, v = super().error_sources(position, velocity, time)
+        return D * (np.arange(len(D)) < len(D) - 1)[:, None], v
+
+
 class KeepsLoops(TDOA):
     def independent(self, present):
         return present
@@ -165,14 +179,19 @@ CASES = [
     (tdoa(DiagonalNoise), {"reference", "reference-free"}),
     (tdoa(WrongSharedNoise), {"reference", "reference-free"}),
     (tdoa(AsymmetricNoise, toa_sigma=None, tdoa_sigma=1e-7), set()),  # 1.01 times zero is zero
-    (tdoa(NegativeNoise, toa_sigma=None, tdoa_sigma=1e-7), {"noise covariance", "noise definite"}),
+    (
+        tdoa(NegativeNoise, toa_sigma=None, tdoa_sigma=1e-7),
+        {"noise covariance", "noise definite", "error sources"},
+    ),
+    (tdoa(SourcesTooLarge), {"error sources"}),
+    (tdoa(NoSource), {"error sources"}),
     (tdoa(KeepsLoops, pairs=LOOP), {"noise definite"}),
     (tdoa(DropsTooMuch), {"independent rows"}),
     (Anchored(STATIONS, sigma=1e-7), {"translation"}),
     (NorthCounts(STATIONS, sigma=1e-7), {"rotation"}),
     (tdoa(FixedScale), {"units"}),
     (tdoa(NoiseInSeconds, toa_sigma=None, tdoa_sigma=1e-7), {"units"}),
-    (tdoa(NoiseInSeconds), {"units", "reference-free"}),
+    (tdoa(NoiseInSeconds), {"units", "reference-free", "error sources"}),
     (tdoa(PairsInOrder, toa_sigma=None, tdoa_sigma=1e-7), {"pairs"}),
     (OneAtATime(STATIONS, sigma=1e-7), {"batch"}),
     (InPlace(STATIONS, sigma=1e-7), {"pure"}),
@@ -201,7 +220,7 @@ def test_the_report_of_a_diagonal_covariance():
     with pytest.raises(AssertionError) as caught:
         check_measurement_model(tdoa(DiagonalNoise), examples=12)
     text = str(caught.value)
-    assert text.startswith("DiagonalNoise breaks 2 of the 16 laws of measurement models:")
+    assert text.startswith("DiagonalNoise breaks 2 of the 17 laws of measurement models:")
     assert "reference: the information H' R^-1 H of any stations' differences" in text
     assert "information against station" in text
     assert "position = [" in text
