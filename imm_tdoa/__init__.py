@@ -16,17 +16,29 @@ from imm_tdoa.stations import Stations
 from imm_tdoa.track import Track
 
 if TYPE_CHECKING:
-    from imm_tdoa import bounds, locate, metrics, plot, recording, simulate, testing
+    from imm_tdoa import (
+        bounds,
+        interop,
+        locate,
+        metrics,
+        plot,
+        recording,
+        selection,
+        simulate,
+        testing,
+    )
     from imm_tdoa.recording import Recording
 
 _LAZY = (
     "bankfile",
     "bounds",
+    "interop",
     "locate",
     "metrics",
     "models",
     "plot",
     "recording",
+    "selection",
     "simulate",
     "testing",
 )
@@ -39,10 +51,12 @@ __all__ = [
     "Stations",
     "Track",
     "bounds",
+    "interop",
     "locate",
     "metrics",
     "plot",
     "recording",
+    "selection",
     "simulate",
     "testing",
 ]

@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from imm_tdoa import metrics
+from imm_tdoa import _validate, metrics
+from imm_tdoa.bounds import PosteriorBound
 from imm_tdoa.contract import AXES, Array
 from imm_tdoa.plot import canvas
 from imm_tdoa.plot.agreement import OUTSIDE, pooled
@@ -20,6 +21,7 @@ from imm_tdoa.recording import Recording
 from imm_tdoa.scoring import Errors, against_points, against_truth
 from imm_tdoa.track import Track
 
+LEAST = "#7B3294"  # told apart from the error, the track's bound and what lies outside it
 STEEP = 12.0  # a curve whose ends differ by more than this factor is drawn on a log scale
 
 
@@ -29,6 +31,7 @@ def error(
     *,
     target: str | None = None,
     truth: tuple[Any, Any] | None = None,
+    bound: PosteriorBound | tuple[Any, Any] | None = None,
     title: str | None = None,
     path: str | Path | None = None,
 ) -> Figure:
@@ -47,6 +50,9 @@ def error(
         Whose track it is; may be left out where the recording has only one.
     truth : (times (K,), positions (K, d)), optional
         Truth of a single track, s and m, instead of the recording's; straight in between.
+    bound : PosteriorBound or (times (K,), rms (K,)), optional
+        Least root-mean-square error that a single track could have (`bounds.pcrlb`), s and m;
+        drawn dashed, not where it is infinite or NaN.
     title : str, optional
         Heading.
     path : str or Path, optional
@@ -56,10 +62,18 @@ def error(
     -------
     Figure
         Not tied to pyplot.
+
+    Raises
+    ------
+    ValueError
+        A `bound` for several tracks, or one that is no list of times and errors.
     """
     if title is None:
         title = "" if recording is None else recording.title
+    least = None if bound is None else _least(bound)
     if isinstance(track, Mapping) and len(track) != 1:
+        if bound is not None:
+            raise ValueError(f"bound: expected a single track to compare with, got {len(track)}")
         return canvas.finish(pooled(track, recording, title), path)
     if isinstance(track, Mapping):
         target, track = next(iter(track.items()))
@@ -68,17 +82,37 @@ def error(
         found = against_points(track, *truth)
     elif recording is not None:
         found = against_truth(track, recording, target)
-    return canvas.finish(_one(track, found, title), path)
+    return canvas.finish(_one(track, found, least, title), path)
 
 
-def _one(track: Track, errors: Errors | None, title: str) -> Figure:
+def _least(bound: Any) -> tuple[Array, Array]:
+    """Return times (K,) and root-mean-square errors (K,) of a bound."""
+    pair = (bound.times, bound.position_rms) if isinstance(bound, PosteriorBound) else bound
+    if not isinstance(pair, tuple) or len(pair) != 2:
+        raise ValueError(f"bound: expected a PosteriorBound or (times, rms), got {bound!r}")
+    times = _validate.array("bound: times", pair[0], ("K",))
+    try:
+        rms = np.array(pair[1], dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"bound: expected numbers for rms, got {pair[1]!r}") from error
+    if rms.shape != times.shape:
+        raise ValueError(
+            f"bound: expected one error for each of the {len(times)} times of one trajectory, "
+            f"got shape {rms.shape}"
+        )
+    return times, np.where(np.isfinite(rms), rms, np.nan)
+
+
+def _one(
+    track: Track, errors: Errors | None, least: tuple[Array, Array] | None, title: str
+) -> Figure:
     figure = canvas.figure(11.0, 4.2 if errors is not None else 6.0)
     grid = figure.add_gridspec(1 if errors is not None else 2, 2, width_ratios=[3.4, 1.0])
     ax, side = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
     clock = Clock(track.times)
     if errors is None:
         bound = metrics.error_radius(track.position_covariance)
-        canvas.legend(side, _bound(ax, clock, track.times, bound, None))
+        canvas.legend(side, _bound(ax, clock, track.times, bound, None, least))
         what = f"{title}\n" if title else ""
         canvas.dress(
             ax, clock.label, ax.get_ylabel(), f"{what}no truth: the track's own 95 % bound"
@@ -89,7 +123,7 @@ def _one(track: Track, errors: Errors | None, title: str) -> Figure:
             below.set_xlim(*clock([track.times[0], track.times[-1]]))
     else:
         kind = _kind(errors, track.space.dims)
-        handles = _bound(ax, clock, errors.times, errors.bound, errors.distance)
+        handles = _bound(ax, clock, errors.times, errors.bound, errors.distance, least)
         canvas.legend(side, handles)
         what = f"{title}\n" if title else ""
         canvas.dress(ax, clock.label, ax.get_ylabel(), f"{what}{_verdict(errors, kind)}")
@@ -114,9 +148,16 @@ def _verdict(errors: Errors, kind: str) -> str:
     )
 
 
-def _bound(ax: Axes, clock: Clock, times: Array, bound: Array, distance: Array | None) -> list[Any]:
+def _bound(
+    ax: Axes,
+    clock: Clock,
+    times: Array,
+    bound: Array,
+    distance: Array | None,
+    least: tuple[Array, Array] | None,
+) -> list[Any]:
     """Draw the bound as an area and the error on it; leave the unit as the y label."""
-    known = bound if distance is None else np.concatenate([bound, distance])
+    known = np.concatenate([x for x in (bound, distance, least and least[1]) if x is not None])
     known = known[np.isfinite(known) & (known > 0.0)]
     quantiles = np.quantile(known, [0.01, 0.5, 1.0]) if len(known) else np.array([0.1, 1.0, 1.0])
     low, middle, high = (float(q) for q in quantiles)
@@ -139,10 +180,21 @@ def _bound(ax: Axes, clock: Clock, times: Array, bound: Array, distance: Array |
         label="the track's own 95 % bound",
     )
     ax.plot(when, unit(bound), color=canvas.TRACK, linewidth=1.0)
+    below: list[Any] = []
+    if least is not None:
+        below = ax.plot(
+            clock(least[0]),
+            unit(least[1]),
+            color=LEAST,
+            linewidth=1.8,
+            linestyle="--",
+            zorder=4,
+            label="least possible RMS error\n(Cramér-Rao)",
+        )
     ax.set_ylabel(unit.name)
     if distance is None:
         ax.set_ylabel(f"95 % bound [{unit.name}]")
-        return [area]
+        return [area, *below]
     outside = distance > bound
     dots = "." if len(times) <= 100 else ""
     line = ax.plot(
@@ -158,7 +210,7 @@ def _bound(ax: Axes, clock: Clock, times: Array, bound: Array, distance: Array |
         label="error outside the bound",
         zorder=5,
     )
-    return [*line, *(beyond if np.any(outside) else []), area]
+    return [*line, *(beyond if np.any(outside) else []), area, *below]
 
 
 def _consistency(ax: Axes, clock: Clock, track: Track) -> list[Any]:

@@ -202,6 +202,29 @@ def test_error_against_its_bound(track: Track, tmp_path: Path) -> None:
     assert imread(tmp_path / "error.png").shape[1] > 1200
 
 
+def test_error_beside_the_least_possible(track: Track) -> None:
+    model = load("constant-velocity")(psd=1.0)
+    bound = bounds.pcrlb(model, load("position")(sigma=5.0, dims=2), T, PATH)
+    figure = plot.error(track, truth=(T, PATH), bound=bound)
+    drawn = line(labelled(figure, "position error [m]"), "least possible RMS error")
+    np.testing.assert_allclose(drawn.get_xdata(), T)
+    np.testing.assert_allclose(drawn.get_ydata(), bound.position_rms)
+    assert drawn.is_dashed()
+    assert "least possible RMS error" in texts(figure)
+    rms = np.where(T < 3.0, np.inf, 1e4)
+    alone = labelled(plot.error(track, bound=(T, rms)), "95 % bound [km]")
+    drawn = line(alone, "least possible RMS error").get_ydata()
+    assert np.isnan(drawn[:3]).all()
+    np.testing.assert_allclose(drawn[3:], 10.0)
+    assert alone.get_ylim()[1] > 10.0
+    with pytest.raises(ValueError, match="bound: expected a single track to compare with, got 2"):
+        plot.error({"a": track, "b": track}, truth=None, bound=bound)
+    with pytest.raises(ValueError, match="bound: expected one error for each of the 40 times"):
+        plot.error(track, bound=(T, rms[:-1]))
+    with pytest.raises(ValueError, match=r"bound: expected a PosteriorBound or \(times, rms\)"):
+        plot.error(track, bound=rms)  # type: ignore[arg-type]
+
+
 def test_error_without_truth_shows_bound_and_consistency(track: Track) -> None:
     figure = plot.error(track)
     assert labelled(figure, "95 % bound [m]").get_title(loc="left").startswith("no truth")

@@ -1,4 +1,4 @@
-"""How well an emitter can be located at best: Cramér-Rao bounds and dilution of precision."""
+"""One epoch: the Cramér-Rao bound of a fix, and dilution of precision."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from imm_tdoa import gaussian, registry
 from imm_tdoa._validate import array
-from imm_tdoa.contract import Array, MeasurementModel
+from imm_tdoa.contract import Array, Mask, MeasurementModel
 from imm_tdoa.geometry import ranges
 from imm_tdoa.locate.normal import inverse
 from imm_tdoa.stations import Stations
@@ -86,18 +86,36 @@ def crlb(
 
 
 def fisher_information(
-    measurement: MeasurementModel, position: Array, velocity: Array, time: float
+    measurement: MeasurementModel,
+    position: Array,
+    velocity: Array,
+    time: float | Array,
+    present: Mask | None = None,
 ) -> Array:
     """Information (..., 2d, 2d) that one scan of any measurement model carries.
 
     About position and velocity; rows of stations not heard then are left out, shared offsets
     are eliminated, redundant rows dropped.
+
+    Parameters
+    ----------
+    measurement : MeasurementModel
+        What is measured.
+    position, velocity : (..., d)
+        Of the emitter, m and m/s.
+    time : float or (...)
+        When, s.
+    present : (..., m) bool, optional
+        Rows that arrive; default all.
     """
     R = measurement.noise_covariance(position, velocity, time)
     H = np.concatenate(measurement.jacobian(position, velocity, time), axis=-1)
-    batch = H.shape[:-2]
+    heard = np.asarray(np.isfinite(H).all(axis=-1))
+    if present is not None:
+        heard = heard & present
+    batch = heard.shape[:-1]
     R = np.broadcast_to(R, (*batch, *R.shape[-2:]))
-    present = measurement.independent(np.asarray(np.isfinite(H).all(axis=-1)))
+    present = measurement.independent(heard)
     variance = np.einsum("...ii->...i", R)
     T, left = gaussian.offset_contrast(variance, present, measurement.offset_group)
     both = present[..., :, None] & present[..., None, :]
