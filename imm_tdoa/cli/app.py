@@ -10,6 +10,8 @@ from typer.core import TyperGroup
 
 from imm_tdoa.cli.locate import locate
 from imm_tdoa.cli.models import models
+from imm_tdoa.cli.reproduce import app as reproduce
+from imm_tdoa.cli.select import select
 from imm_tdoa.cli.simulate import simulate
 from imm_tdoa.cli.track import track
 
@@ -91,5 +93,7 @@ def about(
 
 app.command()(track)
 app.command()(locate)
+app.command()(select)
 app.command()(simulate)
+app.add_typer(reproduce, name="reproduce")
 app.command()(models)

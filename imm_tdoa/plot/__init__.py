@@ -3,7 +3,8 @@
 from imm_tdoa.plot.agreement import calibration
 from imm_tdoa.plot.dilution import gdop
 from imm_tdoa.plot.errors import error
+from imm_tdoa.plot.evidence import evidence
 from imm_tdoa.plot.scenes import scene
 from imm_tdoa.plot.tracks import track
 
-__all__ = ["calibration", "error", "gdop", "scene", "track"]
+__all__ = ["calibration", "error", "evidence", "gdop", "scene", "track"]

@@ -1,0 +1,1 @@
+"""Published comparisons computed again: their tables, their pictures, and what corrects them."""

@@ -1,0 +1,92 @@
+"""Source A: locating targets by the form of their motion (Li, Liu & Li 2024; ALGORITHMS §5).
+
+>>> from imm_tdoa.reproduce import motion_form
+>>> motion_form.table(runs=100).row("scenario-1").sample.mean_km
+
+`table` is the paper's Table 1, `rivals` and `switching` put one IMM in the place of its choice
+between filters, `sweep` tries every single filter, `compute` does it all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import attrs
+
+from imm_tdoa.reproduce.interacting import RULES, Rivals, rivals
+from imm_tdoa.reproduce.scenario import MODELS, MOTIONS, RECONSTRUCTION
+from imm_tdoa.reproduce.switches import Switches
+from imm_tdoa.reproduce.switching import Sweep, Switching, levels, sweep, switching
+from imm_tdoa.reproduce.table import Row, Table, table
+
+__all__ = [
+    "MODELS",
+    "RECONSTRUCTION",
+    "MotionForm",
+    "Rivals",
+    "Row",
+    "Sweep",
+    "Switches",
+    "Switching",
+    "Table",
+    "compute",
+    "rivals",
+    "steps",
+    "sweep",
+    "switching",
+    "table",
+]
+
+
+@attrs.frozen(eq=False)
+class MotionForm:
+    """All that is computed again of Source A, and beyond it."""
+
+    table: Table
+    rivals: tuple[Rivals, ...]
+    switching: Switching
+    sweep: Sweep
+
+    @property
+    def switches(self) -> Switches:
+        """What was taken as printed."""
+        return self.table.switches
+
+
+def compute(
+    runs: int = 100,
+    seed: int = 1,
+    switches: Switches | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> MotionForm:
+    """Compute everything.
+
+    Parameters
+    ----------
+    runs : int
+        Monte-Carlo runs of the three targets, at least 2.
+    seed : int
+        Seed of the noise.
+    switches : Switches, optional
+        What to take as printed; default nothing.
+    tell : callable
+        Is told what comes next, `steps` times.
+
+    Raises
+    ------
+    ValueError
+        Too few runs.
+    """
+    tell("Table 1")
+    first = table(runs, seed, switches)
+    return MotionForm(
+        table=first,
+        rivals=rivals(runs, seed, switches, tell),
+        switching=switching(runs, seed, switches, tell),
+        sweep=sweep(runs, seed, switches, tell),
+    )
+
+
+def steps() -> int:
+    """Return how often `compute` tells what comes next."""
+    return 1 + len(MOTIONS) + len(RULES) + sum(len(levels(model)) for model in MODELS)
