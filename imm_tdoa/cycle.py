@@ -118,9 +118,9 @@ class Cycle:
                         measurement, x, P, position, velocity, state.time, z, judged
                     )
                 threshold = chdtri(1.0, 1.0 - self.gate_probability)  # chi-square quantile
-                reading = robust.gate(judged, weight, P, threshold)
+                reading = robust.gate(judged, log_c, P, threshold)
             else:
-                reading = robust.student_t(judged, weight, P, self.degrees_of_freedom)
+                reading = robust.student_t(judged, log_c, P, self.degrees_of_freedom)
             seen = reading(seen)
         rows = observation.usable_rows(z)
         if self.update == "iekf":

@@ -2,21 +2,25 @@
 
 Robust filters judge sources of error, not rows: where differences share an arrival, a gross error
 of that arrival is one source that shows in several rows, and no result depends on which station
-is called the reference. Every mode reads the scan alike, or their likelihoods would not compare.
+is called the reference. Every mode reads the scan alike, or their likelihoods would not compare;
+and it is the evidence of the whole bank that decides, so that a manoeuvre which one of the modes
+explains well is not taken for gross errors, nor gross errors for a manoeuvre which none does.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import attrs
 import numpy as np
 from scipy.special import digamma, gammaln
 
-from imm_tdoa import gaussian
-from imm_tdoa.contract import Array, Index, Mask
+from imm_tdoa import gaussian, mixture
+from imm_tdoa.contract import Array, Mask
 from imm_tdoa.observation import Observation, combined, mixture_innovation, without_offsets
 
+AMBIGUOUS = 3.0  # log-odds of two sources, 20 to 1, below which either may be the bad one
 TESTABLE = 1e-9  # share of a source's information that the others leave to test it by
 ROUNDS = 30  # of the weights of Student's t
 SETTLED = 1e-3  # relative change of a weight that ends them
@@ -29,11 +33,11 @@ class Reading:
     Attributes
     ----------
     combine : (..., m, m) or None
-        Combinations of the rows in which sources left out do not occur.
+        Combinations of the rows in which shared offsets and sources left out do not occur.
     extra_noise : (..., m, m) or None
         What is added to the noise covariance.
     present : (..., m)
-        Rows that count.
+        Rows (or combinations) that count.
     price : (...)
         Log-density of what was left out or trusted less, so that likelihoods of filters that
         read scans differently compare.
@@ -56,6 +60,7 @@ class Reading:
             seen = attrs.evolve(seen, R=tuple(R + self.extra_noise for R in seen.R))
         if self.combine is not None:
             seen = combined(seen, self.combine, self.present)
+            return attrs.evolve(seen, group=np.full_like(seen.group, -1))
         return attrs.evolve(seen, present=self.present)
 
 
@@ -66,8 +71,17 @@ def plainly(seen: Observation) -> Reading:
     return Reading(seen.present, np.zeros(batch), weight, np.zeros(batch, dtype=bool))
 
 
-def gate(seen: Observation, weight: Array, P: Sequence[Array], threshold: float) -> Reading:
-    """Leave out the sources that contradict the bank's prediction and each other (`snoop`).
+def gate(seen: Observation, log_weight: Array, P: Sequence[Array], threshold: float) -> Reading:
+    """Leave out the sources of error without which the whole bank explains the scan better.
+
+    Data snooping (Baarda 1968) for several modes. For one Gaussian with W = S^-1, leaving out an
+    error along d lowers the normalised innovation squared by (d' W nu)² / (d' W d), chi-square
+    with one degree of freedom while the error is an ordinary one: above `threshold` it goes.
+    With several modes the mixture's likelihood decides in the same way: with the source, or
+    without it, and it as if it lay on the gate of the bank's innovation covariance. The worst
+    source goes first and the rest is judged anew, so one gross error does not take its
+    neighbours along, correlated or not; but where it cannot be told which of several sources is
+    the bad one, all of them go.
 
     What was left out counts in the likelihood as if it lay on the gate: given the rows kept, k
     pieces of covariance C count as -(k (threshold + log 2 pi) + log det C)/2, so that dropping
@@ -77,186 +91,259 @@ def gate(seen: Observation, weight: Array, P: Sequence[Array], threshold: float)
     Parameters
     ----------
     seen : Observation
-        The scan against the predictions.
-    weight : (..., r)
-        Predicted mode probabilities.
-    P : list of (..., n_j, n_j)
+        The scan against the predictions, with its sources.
+    log_weight : (..., r)
+        Log of the predicted mode probabilities.
+    P : sequence of (..., n_j, n_j)
         The predictions' covariances.
     threshold : float
         Largest acceptable statistic, a chi-square quantile of one degree of freedom.
     """
-    nu, S = mixture_innovation(seen, weight, P)
-    rows = np.eye(nu.shape[-1])
-    directions = rows
-    if seen.directions is not None and not np.array_equal(seen.directions, rows):
-        shape = (*nu.shape, nu.shape[-1])
-        full = np.broadcast_to(seen.directions, (*nu.shape, seen.directions.shape[-1]))
-        directions = np.concatenate([full, np.broadcast_to(rows, shape)], axis=-1)
-    T, present, clean = snoop(nu, S, seen.present, seen.group, threshold, directions)
-    if np.array_equal(present, np.broadcast_to(seen.present, present.shape)):
+    assert seen.directions is not None
+    offsets, free = _free_of_offsets(seen)
+    m = seen.present.shape[-1]
+    rows = np.where(seen.present[..., None], np.eye(m), 0.0)
+    raw = np.concatenate(
+        [np.broadcast_to(a, (*rows.shape[:-1], a.shape[-1])) for a in (seen.directions, rows)],
+        axis=-1,
+    )
+    raw = np.where(seen.present[..., None], raw, 0.0)
+    combine, present, left_out = _snoop(free, log_weight, P, threshold, offsets @ raw)
+    if not np.any(left_out):
         return plainly(seen)
-    whole = attrs.evolve(seen, present=np.broadcast_to(seen.present, present.shape))
+    whole = attrs.evolve(free, present=np.broadcast_to(free.present, present.shape))
     (log_det, count), (log_det_kept, kept) = (
-        _size(part, weight, P) for part in (whole, combined(whole, T, present))
+        _size(part, np.exp(log_weight), P) for part in (whole, combined(whole, combine, present))
     )
     price = -0.5 * ((count - kept) * (threshold + gaussian.LOG_2PI) + log_det - log_det_kept)
+    touched = np.any((raw != 0.0) & left_out[..., None, :], axis=-1)
+    seen_rows = np.broadcast_to(seen.present, touched.shape)
+    few = 2 * kept <= count
     return Reading(
         present=present,
         price=price,
-        row_weight=np.where(whole.present, np.where(clean, 1.0, 0.0), np.nan),
-        rejected=_few(np.where(present, 1.0, 0.0), whole.present),
-        combine=T,
+        row_weight=np.where(seen_rows, np.where(touched, 0.0, 1.0), np.nan),
+        rejected=few & (count > 0),
+        combine=combine @ offsets,
     )
+
+
+def _free_of_offsets(seen: Observation) -> tuple[Array, Observation]:
+    """The combinations (..., m, m) that eliminate shared offsets, and what they leave."""
+    m = seen.present.shape[-1]
+    if np.all(seen.group < 0):
+        return np.eye(m), seen
+    variance = np.einsum("...ii->...i", seen.R[0])
+    T, _ = gaussian.offset_contrast(variance, seen.present, seen.group)
+    return T, without_offsets(seen)
 
 
 def _size(part: Observation, weight: Array, P: Sequence[Array]) -> tuple[Array, Array]:
     """Log-determinant of the bank's innovation covariance, and the rows in it."""
-    part = without_offsets(part)
     _, S = mixture_innovation(part, weight, P)
     diagonal = np.einsum("...ii->...i", gaussian.factor(S))
     return 2.0 * np.sum(np.log(diagonal), axis=-1), np.count_nonzero(part.present, axis=-1)
 
 
-def _few(weight: Array, present: Mask) -> Mask:
-    """Whether no more than half of the `present` rows (..., m) is left."""
-    left = np.sum(np.where(present, weight, 0.0), axis=-1)
-    result: Mask = left <= 0.5 * np.count_nonzero(present, axis=-1)
-    return result & present.any(axis=-1)
+class _Judged(NamedTuple):
+    """Sources against one Gaussian: log-density of the rows, and per source (..., k)."""
+
+    log_density: Array
+    statistic: Array
+    information: Array
 
 
-def snoop(
-    nu: Array, S: Array, present: Mask, group: Index, threshold: float, directions: Array
+def _judge(nu: Array, S: Array, present: Mask, d: Array) -> _Judged:
+    """Judge errors along the columns of `d` (..., m, k) by an innovation N(0, S)."""
+    both = present[..., :, None] & present[..., None, :]
+    S = np.where(both, S, np.eye(S.shape[-1]))
+    nu = np.where(present, nu, 0.0)
+    L = gaussian.factor(S)
+    white = np.linalg.solve(L, np.concatenate([nu[..., None], d], axis=-1))
+    w, e = white[..., 0], white[..., 1:]
+    information = np.sum(e**2, axis=-2)
+    score = np.einsum("...ik,...i->...k", e, w)
+    alone = np.einsum("...ik,...ii->...k", d**2, np.where(both, S, 0.0))
+    tested = information * alone > TESTABLE
+    statistic = np.where(tested, score**2 / np.where(tested, information, 1.0), 0.0)
+    log_det = 2.0 * np.sum(np.log(np.einsum("...ii->...i", L)), axis=-1)
+    return _Judged(-0.5 * (np.sum(w**2, axis=-1) + log_det), statistic, information)
+
+
+def _snoop(
+    free: Observation, log_weight: Array, P: Sequence[Array], threshold: float, d: Array
 ) -> tuple[Array, Mask, Mask]:
-    """Leave out the sources of error that the rest contradicts, strongest first.
+    """Combinations (..., m, m) without the sources left out, which count (..., m), and who goes.
 
-    Data snooping (Baarda 1968): with W = S^-1, less its projection on offsets that rows share,
-    leaving out an error along d lowers the normalised innovation squared by
-    (d' W nu)² / (d' W d), which is chi-square with one degree of freedom while the error is an
-    ordinary one. The worst source above `threshold` is eliminated and the rest judged anew, so
-    one gross error does not take its neighbours along, correlated or not.
-
-    Parameters
-    ----------
-    nu : (..., m)
-        Innovations.
-    S : (..., m, m)
-        Their covariance, prediction and noise.
-    present : (..., m)
-        Rows that were measured.
-    group : (m,)
-        Offset group of each row; -1: none.
-    threshold : float
-        Largest acceptable statistic.
-    directions : (..., m, k)
-        How each source enters the rows.
-
-    Returns
-    -------
-    combine : (..., m, m)
-        Combinations of the rows in which the sources left out do not occur.
-    present : (..., m)
-        The combinations that count.
-    clean : (..., m)
-        Rows in which no source that was left out occurs.
+    `d` (..., m, k) are the directions of all candidates, rows and sources, offsets eliminated.
     """
-    m = nu.shape[-1]
-    present = np.array(np.broadcast_to(present, nu.shape))
-    clean = np.ones(nu.shape, dtype=bool)
-    d = np.where(present[..., None], directions, 0.0)
-    offsets = np.equal.outer(group, np.unique(group[group >= 0])).astype(float)
-    offsets = np.where(present[..., None], offsets, 0.0)
-    T = np.broadcast_to(np.eye(m), (*nu.shape, m))
+    m = free.present.shape[-1]
+    weight = np.exp(log_weight)
+    parts = [_innovation(free, j, C) for j, C in enumerate(P)]
+    parts.append(mixture_innovation(free, weight, P))
+    batch = np.broadcast_shapes(log_weight.shape[:-1], *(nu.shape[:-1] for nu, _ in parts))
+    d = np.broadcast_to(np.where(free.present[..., None], d, 0.0), (*batch, *d.shape[-2:]))
+    present = np.array(np.broadcast_to(free.present, (*batch, m)))
+    T = np.broadcast_to(np.eye(m), (*batch, m, m))
+    left_out = np.zeros((*batch, d.shape[-1]), dtype=bool)
+    suspect = np.zeros_like(left_out)
     for _ in range(m):
-        statistic = _statistic(nu, S, present, offsets, d)
-        worst = np.argmax(statistic, axis=-1)[..., None]
-        out = np.take_along_axis(statistic, worst, axis=-1) > threshold
+        gain = _gain([_judge(nu, S, present, d) for nu, S in parts], log_weight, threshold)
+        gain = np.where(np.any(d != 0.0, axis=-2), gain, -np.inf)
+        suspect &= np.isfinite(gain)
+        suspect |= (gain > 0.0) & (gain >= np.max(gain, axis=-1, keepdims=True) - AMBIGUOUS)
+        worst = np.argmax(np.where(suspect, np.inf, gain), axis=-1)[..., None]
+        out = np.take_along_axis(suspect, worst, axis=-1)
         if not np.any(out):
             break
         one = np.take_along_axis(d, worst[..., None, :], axis=-1)[..., 0]
         touched = present & out & (np.abs(one) > TESTABLE * np.abs(one).max(axis=-1, keepdims=True))
-        variance = np.where(touched, np.einsum("...ii->...i", S), np.inf)
+        variance = np.where(touched, np.einsum("...ii->...i", parts[-1][1]), np.inf)
         pivot = touched & (np.arange(m) == np.argmin(variance, axis=-1)[..., None])
         there = np.sum(np.where(pivot, one, 0.0), axis=-1, keepdims=True)
         ratio = np.where(touched & ~pivot, one / np.where(there != 0.0, there, 1.0), 0.0)
         step = np.eye(m) - ratio[..., :, None] * np.where(pivot, 1.0, 0.0)[..., None, :]
-        clean &= ~touched
+        left_out |= out & (np.arange(d.shape[-1]) == worst)
         present &= ~pivot
-        both = present[..., :, None] & present[..., None, :]
-        S = np.where(both, step @ S @ np.swapaxes(step, -1, -2), np.eye(m))
-        nu = np.where(present, np.einsum("...ij,...j->...i", step, nu), 0.0)
+        parts = [
+            (np.einsum("...ij,...j->...i", step, nu), step @ S @ np.swapaxes(step, -1, -2))
+            for nu, S in parts
+        ]
         d = np.where(present[..., None], step @ d, 0.0)
-        offsets = np.where(present[..., None], step @ offsets, 0.0)
+        d = np.where(np.abs(d) > 1e-12, d, 0.0)
         T = step @ T
-    return T, present, clean
+    return T, present, left_out
 
 
-def _statistic(nu: Array, S: Array, present: Mask, offsets: Array, d: Array) -> Array:
-    """Snooping statistic (..., k) of errors along the columns of `d`."""
-    both = present[..., :, None] & present[..., None, :]
-    W = np.where(both, np.linalg.inv(np.where(both, S, np.eye(S.shape[-1]))), 0.0)
-    full = np.einsum("...ik,...ij,...jk->...k", d, W, d)
-    for g in range(offsets.shape[-1]):
-        one = offsets[..., g]
-        W1 = np.einsum("...ij,...j->...i", W, one)
-        total = np.sum(W1 * one, axis=-1)[..., None, None]
-        W = W - W1[..., :, None] * W1[..., None, :] / np.where(total > 0.0, total, np.inf)
-    Wd = W @ d
-    own = np.einsum("...ik,...ik->...k", d, Wd)
-    score = np.einsum("...ik,...i->...k", Wd, np.where(present, nu, 0.0))
-    testable = own > TESTABLE * full
-    result: Array = np.where(testable, score**2 / np.where(testable, own, 1.0), 0.0)
+def _innovation(free: Observation, j: int, P: Array) -> tuple[Array, Array]:
+    nu, H, R = gaussian.mask_rows(free.nu[j], free.H[j], free.R[j], free.present)
+    return nu, H @ P @ np.swapaxes(H, -1, -2) + R
+
+
+def _gain(judged: Sequence[_Judged], log_weight: Array, threshold: float) -> Array:
+    """Log-evidence (..., k) that the bank gains by leaving each source out.
+
+    `judged` by each mode, and last by the bank's moments, on whose gate the source then lies.
+    """
+    modes, bank = judged[:-1], judged[-1]
+    with_it = np.stack([one.log_density for one in modes], axis=-1) + log_weight
+    known = np.where(bank.information > 0.0, bank.information, 1.0)
+    without = np.stack(
+        [
+            one.log_density[..., None]
+            + log_weight[..., j, None]
+            + 0.5 * (one.statistic - np.log(np.where(one.information > 0.0, one.information, 1.0)))
+            for j, one in enumerate(modes)
+        ],
+        axis=-1,
+    )
+    price = -0.5 * (threshold - np.log(known))
+    before = mixture.normalise(with_it)[1]
+    result: Array = mixture.normalise(without)[1] + price - before[..., None]
     return result
 
 
-def student_t(seen: Observation, weight: Array, P: Sequence[Array], dof: float) -> Reading:
+def student_t(seen: Observation, log_weight: Array, P: Sequence[Array], dof: float) -> Reading:
     """Read the scan as if its errors were Student's t: gross ones are trusted less, none is lost.
 
     Each source's error is normal with precision lambda / variance, lambda gamma-distributed with
     mean 1 (variational Bayes; Agamennoni, Nieto & Nebot 2012): lambda = (dof + 1)/(dof +
-    E[e²]/variance), e the source's error given the whole bank's innovation. No source is trusted
-    more than its variance says (lambda at most 1). The price is that of the variational bound.
+    E[e²]/variance), e the source's error given the scan, averaged over the modes as they explain
+    it. No source is trusted more than its variance says (lambda at most 1). The iteration begins
+    once at lambda = 1, where a mode that explains the scan by a manoeuvre leads, and once with
+    the modes as they were predicted; the better variational bound is taken, and is the price.
 
     Parameters
     ----------
-    seen, weight, P
-        As for `gate`; `seen` has its sources.
+    seen, log_weight, P
+        As for `gate`.
     dof : float
         Degrees of freedom: the smaller, the heavier the tails.
     """
     assert seen.directions is not None
     assert seen.source_variance is not None
-    free = without_offsets(seen)
-    nu, S = mixture_innovation(free, weight, P)
-    D = np.where(free.present[..., None], free.directions, 0.0)  # type: ignore[arg-type]
+    offsets, free = _free_of_offsets(seen)
     known = np.isfinite(seen.source_variance) & (seen.source_variance > 0.0)
     v = np.where(known, seen.source_variance, 1.0)
+    raw = np.where(seen.present[..., None], seen.directions, 0.0)
+    D = np.where(free.present[..., None], offsets @ raw, 0.0)
     heard = known & np.any(D != 0.0, axis=-2)
     D = np.where(heard[..., None, :], D, 0.0)
-    lam = np.ones(heard.shape)
-    for _ in range(ROUNDS):
-        noise = v / lam
-        Q = S + np.einsum("...ik,...k,...jk->...ij", D, noise - v, D)
-        solved = np.linalg.solve(Q, np.concatenate([nu[..., None], D], axis=-1))
-        e = noise * np.einsum("...ik,...i->...k", D, solved[..., 0])
-        left = noise - noise**2 * np.einsum("...ik,...ik->...k", D, solved[..., 1:])
-        square = (e**2 + np.maximum(left, 0.0)) / v
-        before, lam = lam, np.minimum((dof + 1.0) / (dof + square), 1.0)
-        if np.all(np.abs(lam - before) <= SETTLED * lam):
-            break
-    lam = np.where(heard, lam, 1.0)
-    raw = np.where(seen.present[..., None], seen.directions, 0.0)
-    more = np.where(known, v * (1.0 / lam - 1.0), 0.0)
+    parts = [_innovation(free, j, C) for j, C in enumerate(P)]
+    lam, price = np.ones(heard.shape), np.zeros(heard.shape[:-1])
+    best = np.full(price.shape, -np.inf)
+    for begin in (None, log_weight):
+        trial, bound, cost = _weights(parts, log_weight, D, v, heard, dof, begin)
+        better = bound > best
+        lam = np.where(better[..., None], trial, lam)
+        price, best = np.where(better, cost, price), np.where(better, bound, best)
+    more = np.where(heard, v * (1.0 / lam - 1.0), 0.0)
     extra = np.einsum("...ik,...k,...jk->...ij", raw, more, raw)
     own = np.einsum("...ii->...i", seen.R[0])
     share = own / (own + np.einsum("...ii->...i", extra))
     present = np.broadcast_to(seen.present, share.shape)
+    left = np.sum(np.where(present, share, 0.0), axis=-1)
     return Reading(
         present=seen.present,
-        price=np.sum(np.where(heard, _tail_price(lam, dof), 0.0), axis=-1),
+        price=price,
         row_weight=np.where(present, share, np.nan),
-        rejected=_few(share, present),
+        rejected=(left <= 0.5 * np.count_nonzero(present, axis=-1)) & present.any(axis=-1),
         extra_noise=extra,
     )
+
+
+def _weights(
+    parts: Sequence[tuple[Array, Array]],
+    log_weight: Array,
+    D: Array,
+    v: Array,
+    heard: Mask,
+    dof: float,
+    begin: Array | None,
+) -> tuple[Array, Array, Array]:
+    """Fixed point of the sources' weights lambda (..., k), its bound and its price (...).
+
+    `begin` are the logs of the modes' shares (..., r) in the first round; None: as they explain
+    the scan.
+    """
+    batch = np.broadcast_shapes(heard.shape[:-1], log_weight.shape[:-1])
+    heard = np.broadcast_to(heard, (*batch, heard.shape[-1]))
+    lam = np.ones(heard.shape)
+    share = begin
+    for _ in range(ROUNDS):
+        noise = v / lam
+        Q = np.einsum("...ik,...k,...jk->...ij", D, noise - v, D)
+        explained = [_explain(nu, S + Q, D, noise) for nu, S in parts]
+        if share is None:
+            share = _shares(explained, log_weight)
+        square = sum(np.exp(share[..., j, None]) * e2 for j, (e2, _) in enumerate(explained)) / v
+        share = None
+        before, lam = lam, np.minimum((dof + 1.0) / (dof + square), 1.0)
+        lam = np.where(heard, lam, 1.0)
+        if np.all(np.abs(lam - before) <= SETTLED * lam):
+            break
+    Q = np.einsum("...ik,...k,...jk->...ij", D, v / lam - v, D)
+    log_joint = log_weight + np.stack(
+        [_explain(nu, S + Q, D, v / lam)[1] for nu, S in parts], axis=-1
+    )
+    price = np.sum(np.where(heard, _tail_price(lam, dof), 0.0), axis=-1)
+    return lam, mixture.normalise(log_joint)[1] + price, price
+
+
+def _explain(nu: Array, S: Array, D: Array, noise: Array) -> tuple[Array, Array]:
+    """E[e²] (..., k) of the sources' errors given the innovation, and its log-density (...)."""
+    L = gaussian.factor(S)
+    white = np.linalg.solve(L, np.concatenate([nu[..., None], D], axis=-1))
+    w, G = white[..., 0], white[..., 1:]
+    e = noise * np.einsum("...ik,...i->...k", G, w)
+    left = noise - noise**2 * np.sum(G**2, axis=-2)
+    log_det = 2.0 * np.sum(np.log(np.einsum("...ii->...i", L)), axis=-1)
+    return e**2 + np.maximum(left, 0.0), -0.5 * (np.sum(w**2, axis=-1) + log_det)
+
+
+def _shares(explained: Sequence[tuple[Array, Array]], log_weight: Array) -> Array:
+    """Logs of the modes' shares (..., r) in the explanation of the scan."""
+    return mixture.normalise(log_weight + np.stack([log_l for _, log_l in explained], axis=-1))[0]
 
 
 def _tail_price(lam: Array, dof: float) -> Array:

@@ -28,7 +28,7 @@ FLIGHTS = ("2022-09-23_lora1", "2022-09-23_lora2", "2022-09-25_lora1", "2022-09-
 
 def horizontal_rmse(bank: Bank, drive: Recording) -> float:
     measurement, times, values, pairs = drive.scans()
-    track = IMM(bank, measurement, robust="gate").run(times, values, pairs=pairs)
+    track = IMM(bank, measurement, robust="student-t").run(times, values, pairs=pairs)
     truth, _ = drive.truth_at("phone", track.times)
     assert len(track.times) == 1985
     return float(metrics.rmse((track.position - truth)[:, :2]))
