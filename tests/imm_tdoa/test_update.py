@@ -100,5 +100,5 @@ def test_a_batch_is_its_targets_one_by_one() -> None:
 
 
 def test_an_unknown_update_is_refused() -> None:
-    with pytest.raises(ValueError, match="update: expected one of 'ekf', 'iekf', .*, got 'ufk'"):
+    with pytest.raises(ValueError, match=r"update: expected one of 'ekf', 'iekf', .*, got 'ufk'"):
         IMM(Bank([Static(psd=0.0)]), TDOA(STATIONS, toa_sigma=SIGMA), update="ufk")  # type: ignore[arg-type]

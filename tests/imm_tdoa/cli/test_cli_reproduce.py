@@ -9,8 +9,6 @@ from pathlib import Path
 import pytest
 from cli_cases import run, words
 
-from imm_tdoa.reproduce import switching
-
 PNG = b"\x89PNG\r\n\x1a\n"
 FILES = {
     "imm.csv",
@@ -37,7 +35,7 @@ def table(path: Path) -> list[dict[str, str]]:
 
 
 def test_motion_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(switching, "levels", few)
+    monkeypatch.setattr(switching_target, "levels", few)
     out = tmp_path / "out"
     code, text = run("reproduce", "motion-form", "--runs", "5", "--seed", "2", "--out", out)
     assert code == 0
@@ -66,7 +64,7 @@ def test_motion_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(switching, "levels", few)
+    monkeypatch.setattr(switching_target, "levels", few)
     switches = "--tdoa-sign eq8 --jacobian dt-scaled --noise-covariance diagonal --mixing zero"
     arguments = [*switches.split(), "--static", "recursive", "--process-noise", "1e-4"]
     code, text = run("reproduce", "motion-form", "--runs", "2", "--out", tmp_path, *arguments)

@@ -7,11 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from imm_tdoa.contract import Array
-from imm_tdoa.reproduce import faithful, scenario, tracking
-from imm_tdoa.reproduce.scenario import CONSTANT_ACCELERATION, CONSTANT_VELOCITY, STATIC
-from imm_tdoa.reproduce.switches import Switches
-from imm_tdoa.reproduce.table import table
-from imm_tdoa.reproduce.tracking import Data
+from imm_tdoa.reproduce.motion_form import faithful, scenario, tracking
+from imm_tdoa.reproduce.motion_form.scenario import CONSTANT_ACCELERATION, CONSTANT_VELOCITY, STATIC
+from imm_tdoa.reproduce.motion_form.switches import Switches
+from imm_tdoa.reproduce.motion_form.table_one import table
+from imm_tdoa.reproduce.motion_form.tracking import Data
 
 C = 299_792_458.0
 

@@ -9,8 +9,8 @@ import pytest
 
 from imm_tdoa.reproduce import motion_form
 from imm_tdoa.reproduce.motion_form import Switches, Table
-from imm_tdoa.reproduce.sample import Sample
-from imm_tdoa.reproduce.scenario import CONSTANT_VELOCITY, MODELS
+from imm_tdoa.reproduce.motion_form.sample import Sample
+from imm_tdoa.reproduce.motion_form.scenario import CONSTANT_VELOCITY, MODELS
 from imm_tdoa.simulate import load, simulate
 
 RUNS = 100
@@ -156,8 +156,8 @@ def test_the_geometry_is_the_shipped_scenarios() -> None:
 
 
 def test_everything_together_counts_its_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    from imm_tdoa.reproduce import report
-    from imm_tdoa.reproduce import switching as module
+    from imm_tdoa.reproduce.motion_form import report
+    from imm_tdoa.reproduce.motion_form import switching_target as module
 
     def two(model: str, per_decade: int = 3) -> list[float]:
         return [0.0, 0.01]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imm_tdoa.reproduce import motion_form, pictures, pictures_switching
-from imm_tdoa.reproduce import switching as module
-from imm_tdoa.reproduce.motion_form import MotionForm
+from imm_tdoa.reproduce import motion_form
+from imm_tdoa.reproduce.motion_form import pictures, pictures_switching
+from imm_tdoa.reproduce.motion_form import switching_target as module
+from imm_tdoa.reproduce.motion_form.whole import MotionForm
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ from scipy.stats import rice
 
 from imm_tdoa import bounds
 from imm_tdoa.models import ConstantAcceleration, ConstantVelocity, Position
-from imm_tdoa.reproduce import expected, scenario, theory
-from imm_tdoa.reproduce.switches import Switches
+from imm_tdoa.reproduce.motion_form import expected, scenario, theory
+from imm_tdoa.reproduce.motion_form.switches import Switches
 
 
 @pytest.mark.parametrize("short", [0.0, 0.03, 0.4, 1.0])

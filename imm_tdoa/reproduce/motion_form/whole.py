@@ -1,11 +1,4 @@
-"""Source A: locating targets by the form of their motion (Li, Liu & Li 2024; ALGORITHMS §5).
-
->>> from imm_tdoa.reproduce import motion_form
->>> motion_form.table(runs=100).row("scenario-1").sample.mean_km
-
-`table` is the paper's Table 1, `rivals` and `switching` put one IMM in the place of its choice
-between filters, `sweep` tries every single filter, `compute` does it all.
-"""
+"""Everything that is computed again of Source A, at once."""
 
 from __future__ import annotations
 
@@ -13,29 +6,17 @@ from collections.abc import Callable
 
 import attrs
 
-from imm_tdoa.reproduce.interacting import RULES, Rivals, rivals
-from imm_tdoa.reproduce.scenario import MODELS, MOTIONS, RECONSTRUCTION
-from imm_tdoa.reproduce.switches import Switches
-from imm_tdoa.reproduce.switching import Sweep, Switching, levels, sweep, switching
-from imm_tdoa.reproduce.table import Row, Table, table
-
-__all__ = [
-    "MODELS",
-    "RECONSTRUCTION",
-    "MotionForm",
-    "Rivals",
-    "Row",
-    "Sweep",
-    "Switches",
-    "Switching",
-    "Table",
-    "compute",
-    "rivals",
-    "steps",
-    "sweep",
-    "switching",
-    "table",
-]
+from imm_tdoa.reproduce.motion_form.interacting import RULES, Rivals, rivals
+from imm_tdoa.reproduce.motion_form.scenario import MODELS, MOTIONS
+from imm_tdoa.reproduce.motion_form.switches import Switches
+from imm_tdoa.reproduce.motion_form.switching_target import (
+    Sweep,
+    Switching,
+    levels,
+    sweep,
+    switching,
+)
+from imm_tdoa.reproduce.motion_form.table_one import Table, table
 
 
 @attrs.frozen(eq=False)

@@ -6,10 +6,10 @@ import numpy as np
 
 from imm_tdoa import bounds
 from imm_tdoa.contract import Array
-from imm_tdoa.reproduce import faithful, scenario, theory
-from imm_tdoa.reproduce.scenario import KM, Motion
-from imm_tdoa.reproduce.switches import Switches
-from imm_tdoa.reproduce.tracking import first_state
+from imm_tdoa.reproduce.motion_form import faithful, scenario, theory
+from imm_tdoa.reproduce.motion_form.scenario import KM, Motion
+from imm_tdoa.reproduce.motion_form.switches import Switches
+from imm_tdoa.reproduce.motion_form.tracking import first_state
 
 
 def of_fixes(motion: Motion, switches: Switches) -> Array:

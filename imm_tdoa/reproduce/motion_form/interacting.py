@@ -7,11 +7,11 @@ from typing import get_args
 
 import attrs
 
-from imm_tdoa.reproduce import scenario, tracking
-from imm_tdoa.reproduce.sample import Sample
-from imm_tdoa.reproduce.scenario import MODELS, MOTIONS
-from imm_tdoa.reproduce.switches import Mixing, Switches
-from imm_tdoa.reproduce.tracking import Data
+from imm_tdoa.reproduce.motion_form import scenario, tracking
+from imm_tdoa.reproduce.motion_form.sample import Sample
+from imm_tdoa.reproduce.motion_form.scenario import MODELS, MOTIONS
+from imm_tdoa.reproduce.motion_form.switches import Mixing, Switches
+from imm_tdoa.reproduce.motion_form.tracking import Data
 
 SOJOURN_S = 60.0
 RULES: tuple[Mixing, ...] = get_args(Mixing)

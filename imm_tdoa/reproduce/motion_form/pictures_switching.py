@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from imm_tdoa.plot import canvas
-from imm_tdoa.reproduce.motion_form import MotionForm
-from imm_tdoa.reproduce.scenario import MODELS, SWITCHING
-from imm_tdoa.reproduce.switches import Mixing
-from imm_tdoa.reproduce.switching import Single
+from imm_tdoa.reproduce.motion_form.scenario import MODELS, SWITCHING
+from imm_tdoa.reproduce.motion_form.switches import Mixing
+from imm_tdoa.reproduce.motion_form.switching_target import Single
+from imm_tdoa.reproduce.motion_form.whole import MotionForm
 
 RULE_COLOURS: dict[Mixing, str] = {
     "birth": canvas.TRACK,

@@ -10,7 +10,7 @@ import numpy as np
 
 from imm_tdoa import gaussian
 from imm_tdoa.contract import Array, MeasurementModel, MotionModel
-from imm_tdoa.reproduce.switches import Columns
+from imm_tdoa.reproduce.motion_form.switches import Columns
 
 
 def jacobian(

@@ -6,7 +6,7 @@ import attrs
 import numpy as np
 
 from imm_tdoa.contract import Array
-from imm_tdoa.reproduce.scenario import KM
+from imm_tdoa.reproduce.motion_form.scenario import KM
 
 
 @attrs.frozen(eq=False)

@@ -1,4 +1,4 @@
-"""``imm-tdoa reproduce``: published comparisons, computed again."""
+"""``imm-tdoa reproduce motion-form``: Source A, computed again."""
 
 from __future__ import annotations
 
@@ -13,12 +13,10 @@ from imm_tdoa.cli import output
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from imm_tdoa.reproduce.motion_form import MotionForm
+    from imm_tdoa.reproduce.motion_form.whole import MotionForm
 
 DEFAULT = Path("imm-tdoa-out") / "motion-form"
 SCENARIOS = ("scenario-1", "scenario-2", "scenario-3")
-
-app = typer.Typer(invoke_without_command=True)
 
 
 class Sign(StrEnum):
@@ -64,19 +62,6 @@ class Mixing(StrEnum):
     ZERO = "zero"
 
 
-@app.callback()
-def reproduce(context: typer.Context) -> None:
-    """Compute published comparisons again, beside the published figures.
-
-    Example, TDOA location by the form of the target's motion:
-
-        imm-tdoa reproduce motion-form
-    """
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
-
-
-@app.command()
 def motion_form(
     runs: Annotated[int, typer.Option(min=2, help="Monte-Carlo runs of the three targets.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 1,
@@ -162,7 +147,7 @@ def motion_form(
 def _write(home: Path, result: MotionForm) -> list[str]:
     from imm_tdoa.recording import _atomic, _csv
     from imm_tdoa.recording.table import Table
-    from imm_tdoa.reproduce import pictures, pictures_switching, report
+    from imm_tdoa.reproduce.motion_form import pictures, pictures_switching, report
 
     home.mkdir(parents=True, exist_ok=True)
     tables = report.tables(result)

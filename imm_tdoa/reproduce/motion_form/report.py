@@ -9,12 +9,12 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from imm_tdoa.reproduce.interacting import RULES, SOJOURN_S
-from imm_tdoa.reproduce.motion_form import RECONSTRUCTION, MotionForm
-from imm_tdoa.reproduce.sample import Sample
-from imm_tdoa.reproduce.scenario import BIRTH_STD, KM, MODELS, SWITCHING
-from imm_tdoa.reproduce.switching import STAY
-from imm_tdoa.reproduce.table import Row
+from imm_tdoa.reproduce.motion_form.interacting import RULES, SOJOURN_S
+from imm_tdoa.reproduce.motion_form.sample import Sample
+from imm_tdoa.reproduce.motion_form.scenario import BIRTH_STD, KM, MODELS, RECONSTRUCTION, SWITCHING
+from imm_tdoa.reproduce.motion_form.switching_target import STAY
+from imm_tdoa.reproduce.motion_form.table_one import Row
+from imm_tdoa.reproduce.motion_form.whole import MotionForm
 
 Columns = dict[str, NDArray[Any]]
 

@@ -8,9 +8,9 @@ import attrs
 import numpy as np
 
 from imm_tdoa.contract import Array
-from imm_tdoa.reproduce import expected, faithful, scenario, tracking
-from imm_tdoa.reproduce.sample import Sample
-from imm_tdoa.reproduce.scenario import (
+from imm_tdoa.reproduce.motion_form import expected, faithful, scenario, tracking
+from imm_tdoa.reproduce.motion_form.sample import Sample
+from imm_tdoa.reproduce.motion_form.scenario import (
     CONSTANT_ACCELERATION,
     CONSTANT_VELOCITY,
     KM,
@@ -19,8 +19,8 @@ from imm_tdoa.reproduce.scenario import (
     STATIC,
     Motion,
 )
-from imm_tdoa.reproduce.switches import Switches
-from imm_tdoa.reproduce.tracking import Data
+from imm_tdoa.reproduce.motion_form.switches import Switches
+from imm_tdoa.reproduce.motion_form.tracking import Data
 
 PAPER_STATIC_KM = 0.982
 PAPER_KM = {"scenario-1": 0.591, "scenario-2": 10.618, "scenario-3": 0.781}

@@ -8,12 +8,12 @@ import attrs
 import numpy as np
 
 from imm_tdoa.contract import Array
-from imm_tdoa.reproduce import expected, scenario, tracking
-from imm_tdoa.reproduce.interacting import RULES
-from imm_tdoa.reproduce.sample import Sample
-from imm_tdoa.reproduce.scenario import MODELS, SWITCHING
-from imm_tdoa.reproduce.switches import Mixing, Switches
-from imm_tdoa.reproduce.tracking import Data
+from imm_tdoa.reproduce.motion_form import expected, scenario, tracking
+from imm_tdoa.reproduce.motion_form.interacting import RULES
+from imm_tdoa.reproduce.motion_form.sample import Sample
+from imm_tdoa.reproduce.motion_form.scenario import MODELS, SWITCHING
+from imm_tdoa.reproduce.motion_form.switches import Mixing, Switches
+from imm_tdoa.reproduce.motion_form.tracking import Data
 
 STAY = 0.99
 # Decades of process noise that are swept, each with its model's minimum well inside.

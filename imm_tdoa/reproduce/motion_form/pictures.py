@@ -15,8 +15,8 @@ from imm_tdoa.plot import canvas
 from imm_tdoa.plot.canvas import Unit
 from imm_tdoa.plot.maps import Box, name_points, settle
 from imm_tdoa.plot.receivers import Receivers
-from imm_tdoa.reproduce import scenario
-from imm_tdoa.reproduce.table import Row, Table
+from imm_tdoa.reproduce.motion_form import scenario
+from imm_tdoa.reproduce.motion_form.table_one import Row, Table
 
 COLOURS = ("#0072B2", "#CC79A7", "#009E73")
 TITLES = {

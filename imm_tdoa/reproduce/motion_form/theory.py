@@ -6,8 +6,8 @@ import numpy as np
 
 from imm_tdoa import gaussian
 from imm_tdoa.contract import Array, MeasurementModel, MotionModel
-from imm_tdoa.reproduce.faithful import jacobian
-from imm_tdoa.reproduce.switches import Columns
+from imm_tdoa.reproduce.motion_form.faithful import jacobian
+from imm_tdoa.reproduce.motion_form.switches import Columns
 
 NODES = 401  # of the quadrature along the long axis of an error ellipse
 SHORT_NODES = 101

@@ -12,7 +12,7 @@ import numpy as np
 from imm_tdoa import registry, simulate
 from imm_tdoa.bank import Bank
 from imm_tdoa.contract import Array, MeasurementModel
-from imm_tdoa.reproduce.switches import Mixing, Switches
+from imm_tdoa.reproduce.motion_form.switches import Mixing, Switches
 from imm_tdoa.stations import Stations
 
 SCENARIO = "source-a"  # the shipped one: stations, noise, first positions and speeds

@@ -10,9 +10,9 @@ from imm_tdoa.bank import Bank
 from imm_tdoa.contract import Array
 from imm_tdoa.imm import IMM
 from imm_tdoa.locate.fix import Fix
-from imm_tdoa.reproduce import faithful, scenario
-from imm_tdoa.reproduce.scenario import MODELS, Motion
-from imm_tdoa.reproduce.switches import Switches
+from imm_tdoa.reproduce.motion_form import faithful, scenario
+from imm_tdoa.reproduce.motion_form.scenario import MODELS, Motion
+from imm_tdoa.reproduce.motion_form.switches import Switches
 
 
 @attrs.frozen(eq=False)

@@ -1,0 +1,22 @@
+"""``imm-tdoa reproduce``: published comparisons, computed again."""
+
+import typer
+
+from imm_tdoa.cli.reproduce.motion_form import motion_form
+
+app = typer.Typer(invoke_without_command=True)
+
+
+@app.callback()
+def reproduce(context: typer.Context) -> None:
+    """Compute published comparisons again, beside the published figures.
+
+    Example, TDOA location by the form of the target's motion:
+
+        imm-tdoa reproduce motion-form
+    """
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+app.command("motion-form")(motion_form)
