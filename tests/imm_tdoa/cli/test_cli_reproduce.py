@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from cli_cases import run, words
 
+from imm_tdoa.reproduce.motion_form import switching_target
+
 PNG = b"\x89PNG\r\n\x1a\n"
 FILES = {
     "imm.csv",
