@@ -9,6 +9,7 @@ between filters, `sweep` tries every single filter, `compute` does it all.
 
 from imm_tdoa.reproduce.motion_form.interacting import Rivals, rivals
 from imm_tdoa.reproduce.motion_form.scenario import MODELS, RECONSTRUCTION
+from imm_tdoa.reproduce.motion_form.switches import Switches
 from imm_tdoa.reproduce.motion_form.switching_target import Sweep, Switching, sweep, switching
 from imm_tdoa.reproduce.motion_form.table_one import Row, Table, table
 from imm_tdoa.reproduce.motion_form.whole import MotionForm, compute, steps
