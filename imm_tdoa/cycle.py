@@ -59,12 +59,9 @@ class Cycle:
             for j, x, P in zip(mixed.mode, mixed.means, mixed.covariances, strict=True)
         ]
         covariances = [p.P for p in predictions]
-        reopened = np.zeros(state.rejections.shape, dtype=bool)
-        if self.robust is not None:
-            reopened = state.rejections >= self.reopen_after
-            if np.any(reopened):
-                elapsed = np.where(reopened, time - state.accepted, 0.0)
-                covariances = widen(covariances, mixed.mode, space, self.bank.birth_std, elapsed)
+        unseen = state.trust.unseen(time)
+        if np.any(unseen > 0.0):
+            covariances = widen(covariances, mixed.mode, space, self.bank.birth_std, unseen)
         predicted = attrs.evolve(
             mixed, means=tuple(p.x for p in predictions), covariances=tuple(covariances)
         )
@@ -73,11 +70,9 @@ class Cycle:
             state,
             time=time,
             log_likelihood=np.broadcast_to(state.log_likelihood, batch),
-            rejections=np.broadcast_to(state.rejections, batch),
-            accepted=np.broadcast_to(state.accepted, batch),
         )
         taken = Taken.nothing(batch, len(state.modes), measurement.size)
-        taken = attrs.evolve(taken, reopened=np.broadcast_to(reopened, batch))
+        taken = attrs.evolve(taken, reopened=np.broadcast_to(unseen > 0.0, batch))
         if np.any(np.isfinite(z)):
             return self._weigh(state, predicted, taken, z, measurement)
         means, Ps, log_c = merge(
@@ -171,10 +166,7 @@ class Cycle:
             log_mode_probability=log_p,
             log_likelihood=state.log_likelihood + log_L + reading.price,
             taken=taken,
-            rejections=np.where(
-                rejected, state.rejections + 1, np.where(heard, 0, state.rejections)
-            ),
-            accepted=np.where(heard & ~rejected, state.time, state.accepted),
+            trust=state.trust.after(heard, rejected, state.time, self.reopen_after),
         )
 
 

@@ -13,6 +13,7 @@ from imm_tdoa.bank import Bank
 from imm_tdoa.contract import AXES, Array, Index, MeasurementModel
 from imm_tdoa.cycle import ROBUST, UPDATES, Cycle, RobustRule, UpdateRule
 from imm_tdoa.mixing import MERGING, Merging
+from imm_tdoa.reopening import Trust
 from imm_tdoa.scans import Scans
 from imm_tdoa.state import State, Taken
 from imm_tdoa.statespace import StateSpace, apply_lift, lift
@@ -49,8 +50,9 @@ class IMM:
         Of Student's t: the smaller, the heavier the tails.
     reopen_after : int
         Robust filters only: after so many scans rejected on end (half or more of their rows
-        distrusted) the track is lost, and opens again: its covariance grows by all that the
-        birth law allows since the last scan that was taken in.
+        distrusted) the track is lost, until it could use as many on end. While it is lost and
+        rejects scans it opens: its covariance grows by all that the birth law allows since the
+        last scan that can be trusted.
 
     Examples
     --------
@@ -168,8 +170,7 @@ class IMM:
             log_mode_probability=log_p,
             log_likelihood=np.zeros(batch),
             taken=Taken.nothing(batch, len(self.bank), self.measurement.size),
-            rejections=np.zeros(batch, dtype=np.int64),
-            accepted=np.broadcast_to(time, batch),
+            trust=Trust.full(batch, time),
             space=space,
             modes=self.bank.names,
         )
@@ -307,7 +308,6 @@ class IMM:
             scans.times[..., rows],
             bank=self._cycle.bank,
             update=self.update,
-            reopen_after=self.reopen_after,
         )
         absent = np.arange(max(begin, 0), scans.count) < first[..., None]
         return track.blanked(absent) if np.any(absent) else track

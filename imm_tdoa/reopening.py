@@ -4,10 +4,52 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import attrs
 import numpy as np
 
-from imm_tdoa.contract import Array
+from imm_tdoa.contract import Array, Index, Mask
 from imm_tdoa.statespace import KIND_OF, StateSpace
+
+
+@attrs.frozen(eq=False)
+class Trust:
+    """Whether a track still knows where it is, by how it could use the last scans.
+
+    After so many rejected scans on end a track is lost; after as many on end that it could use
+    it is found again. Until then what it took in may have been as wrong as the rest.
+
+    Attributes
+    ----------
+    rejected, used : (...)
+        Scans rejected, or used, one after the other until now.
+    lost : (...)
+        Whether the track is lost.
+    since : (...)
+        Time of the last scan used while it was not, s.
+    """
+
+    rejected: Index
+    used: Index
+    lost: Mask
+    since: Array
+
+    @classmethod
+    def full(cls, batch: tuple[int, ...], time: Array) -> Trust:
+        """Trust in a track that begins."""
+        none = np.zeros(batch, dtype=np.int64)
+        return cls(none, none, np.zeros(batch, dtype=bool), np.broadcast_to(time, batch))
+
+    def unseen(self, time: Array) -> Array:
+        """How long (...) nothing that can be trusted was seen, s; 0 unless the track must widen."""
+        return np.where(self.lost & (self.rejected > 0), time - self.since, 0.0)
+
+    def after(self, heard: Mask, rejected: Mask, time: Array, patience: int) -> Trust:
+        """Trust after a scan at `time`, `heard` where there was one at all."""
+        rejections = np.where(heard, np.where(rejected, self.rejected + 1, 0), self.rejected)
+        used = np.where(heard, np.where(rejected, 0, self.used + 1), self.used)
+        lost = (self.lost & (used < patience)) | (rejections >= patience)
+        since = np.where(heard & ~rejected & ~lost, time, self.since)
+        return Trust(rejections, used, lost, since)
 
 
 def widen(
@@ -19,7 +61,7 @@ def widen(
 ) -> list[Array]:
     """Return the predictions' covariances with what may have happened unseen.
 
-    Since the last scan that was taken in, `elapsed` (...) s ago, the emitter may have begun any
+    Since the last scan that can be trusted, `elapsed` (...) s ago, the emitter may have begun any
     motion that the birth law allows: velocity, acceleration and turn rate get its variance, the
     position what the birth velocity reaches in that time. Where `elapsed` is 0 nothing changes.
     """

@@ -9,6 +9,7 @@ import numpy as np
 
 from imm_tdoa import mixture
 from imm_tdoa.contract import Array, Index, Mask
+from imm_tdoa.reopening import Trust
 from imm_tdoa.statespace import StateSpace, apply_lift
 
 
@@ -71,10 +72,8 @@ class State:
         Cumulative log-likelihood of all measurements taken in, in internal units (metres).
     taken : Taken
         What the last scan said.
-    rejections : (...)
-        Scans rejected one after the other until now.
-    accepted : (...)
-        Time of the last scan that was not rejected, s.
+    trust : Trust
+        Whether the track is lost; only robust filters reject scans.
     space : StateSpace
         How the modes' components fit together.
     modes : tuple of str
@@ -87,8 +86,7 @@ class State:
     log_mode_probability: Array
     log_likelihood: Array
     taken: Taken
-    rejections: Index
-    accepted: Array
+    trust: Trust
     space: StateSpace
     modes: tuple[str, ...]
 

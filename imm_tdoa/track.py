@@ -86,7 +86,6 @@ class Track:
         *,
         bank: Bank,
         update: str = "ekf",
-        reopen_after: int = 5,
     ) -> Track:
         """Stack the states of successive scans at `times` (T,) or (..., T)."""
         last = states[-1]
@@ -116,7 +115,7 @@ class Track:
             mode_means=means,
             mode_covariances=covariances,
             row_weight=stacked([t.row_weight for t in taken], 1),
-            lost=stacked([s.rejections >= reopen_after for s in states], 0),
+            lost=stacked([s.trust.lost for s in states], 0),
             reopened=stacked([t.reopened for t in taken], 0),
             bank=bank,
             space=last.space,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,8 +11,8 @@ import attrs
 import numpy as np
 import typer
 
-from imm_tdoa.cli import output, verdicts
-from imm_tdoa.cli.track import _folder, _targets
+from imm_tdoa.cli import output, recordings, verdicts
+from imm_tdoa.cli.recordings import RecordingFolder, Robust, RobustOption, Targets
 
 if TYPE_CHECKING:
     from imm_tdoa.bank import Bank
@@ -21,13 +20,6 @@ if TYPE_CHECKING:
     from imm_tdoa.selection import Comparison
 
 PICTURED = 6  # targets that get pictures of their own
-
-
-class Robust(StrEnum):
-    """Ways to deal with gross errors."""
-
-    GATE = "gate"
-    STUDENT_T = "student-t"
 
 
 @attrs.frozen(eq=False)
@@ -39,14 +31,7 @@ class Result:
 
 
 def select(
-    recording: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="RECORDING",
-            help="Folder of the recording; without it the one that ships with the program.",
-            show_default=False,
-        ),
-    ] = None,
+    recording: RecordingFolder = None,
     bank: Annotated[
         str,
         typer.Option(
@@ -55,12 +40,7 @@ def select(
             "ship, aircraft, rocket, or a TOML file.",
         ),
     ] = "static-cv-ca",
-    robust: Annotated[
-        Robust | None,
-        typer.Option(
-            help="gate: leave out rows that contradict the prediction; student-t: trust them less."
-        ),
-    ] = None,
+    robust: RobustOption = None,
     window: Annotated[
         int | None,
         typer.Option(
@@ -94,10 +74,7 @@ def select(
             show_default=False,
         ),
     ] = None,
-    target: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Judge this target alone; may be repeated."),
-    ] = None,
+    target: Targets = None,
 ) -> None:
     """Say which motion each target of a recording was in: it stood, moved straight on, or …
 
@@ -119,12 +96,12 @@ def select(
     chosen = bankfile.load(bank)
     if window is not None and window < 1:
         raise ValueError(f"--window: expected a number of scans, 1 or more, got {window}")
-    with _folder(recording) as place:
+    with recordings.folder(recording) as place:
         from imm_tdoa.recording import read
 
         data = read(place)
         home = output.folder(out, place, "-select")
-    names = _targets(data, target)
+    names = recordings.targets(data, target)
     chosen = _believing(chosen, velocity_std, acceleration_std)
     with output.progress(len(names)) as advance:
         results, failed = _compare_all(data, chosen, names, robust, window, advance)

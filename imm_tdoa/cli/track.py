@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import attrs
 import numpy as np
 import typer
 
-from imm_tdoa.cli import output
+from imm_tdoa.cli import output, recordings
+from imm_tdoa.cli.recordings import RecordingFolder, RobustOption, Targets
 
 if TYPE_CHECKING:
     from imm_tdoa.bank import Bank
+    from imm_tdoa.cycle import RobustRule
     from imm_tdoa.recording import Recording
     from imm_tdoa.scoring import Errors
     from imm_tdoa.track import Track
@@ -25,12 +25,6 @@ if TYPE_CHECKING:
 PICTURED = 6  # targets that get pictures of their own
 LISTED = 12  # targets in the printed table
 REASONS = 4  # reasons printed why targets were not tracked
-
-
-class Robust(StrEnum):
-    """Ways to deal with gross errors."""
-
-    GATE = "gate"
 
 
 class Engine(StrEnum):
@@ -50,14 +44,7 @@ class Result:
 
 
 def track(
-    recording: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="RECORDING",
-            help="Folder of the recording; without it the one that ships with the program.",
-            show_default=False,
-        ),
-    ] = None,
+    recording: RecordingFolder = None,
     bank: Annotated[
         str,
         typer.Option(
@@ -66,10 +53,10 @@ def track(
             "aircraft, rocket, or a TOML file.",
         ),
     ] = "static-cv-ca",
-    robust: Annotated[
-        Robust | None,
-        typer.Option(help="gate: leave out rows that contradict the prediction."),
-    ] = None,
+    robust: RobustOption = None,
+    smooth: Annotated[
+        bool, typer.Option("--smooth", help="Let every estimate know of later scans as well.")
+    ] = False,
     engine: Annotated[Engine, typer.Option(help="What computes.")] = Engine.AUTO,
     out: Annotated[
         Path | None,
@@ -79,19 +66,16 @@ def track(
             show_default=False,
         ),
     ] = None,
-    target: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Track this target alone; may be repeated."),
-    ] = None,
+    target: Targets = None,
 ) -> None:
     """Track the targets of a recording with several motion models at once.
 
     Writes track.csv, summary.json, pictures (track.png, error.png) and, where the frame lies on
     the Earth, track.geojson and track.kml; prints a table of errors where there is truth.
 
-    Example, a car from GPS signals, gross errors left out:
+    Example, a car from GPS signals, gross errors trusted less, looking back over all of it:
 
-        imm-tdoa track gnss_phone_drive --bank vehicle --robust gate --out car
+        imm-tdoa track gnss_phone_drive --bank vehicle --robust student-t --smooth --out car
 
     Look at car/track.png: the map above, beneath it which motion the target was in. Is the error
     in car/error.png mostly under its own bound? Then the noise and the bank fit.
@@ -99,14 +83,16 @@ def track(
     from imm_tdoa import bankfile
 
     chosen = bankfile.load(bank)
-    with _folder(recording) as place:
+    with recordings.folder(recording) as place:
         from imm_tdoa.recording import read
 
         data = read(place)
         home = output.folder(out, place)
-    names = _targets(data, target)
+    names = recordings.targets(data, target)
     with output.progress(len(names)) as advance:
-        results, failed = _track_all(data, chosen, names, robust, engine, advance)
+        results, failed = _track_all(
+            data, chosen, names, recordings.rule_of(robust), smooth, engine, advance
+        )
         if not results:
             name, reason = next(iter(failed.items()))
             more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
@@ -122,6 +108,7 @@ def track(
         "bank": bank,
         "modes": list(chosen.names),
         "robust": None if robust is None else robust.value,
+        "smoothed": smooth,
     }
     summary = _summary(facts, data, results, failed)
     summary["files"] = sorted([*files, "summary.json"])
@@ -129,29 +116,12 @@ def track(
     _tell(data, summary, home)
 
 
-@contextmanager
-def _folder(recording: Path | None) -> Iterator[Path]:
-    """The recording's folder, or that of the shipped sample."""
-    if recording is not None:
-        yield recording
-        return
-    with resources.as_file(resources.files("imm_tdoa").joinpath("sample")) as place:
-        yield place
-
-
-def _targets(data: Recording, wanted: Sequence[str] | None) -> tuple[str, ...]:
-    for name in wanted or ():
-        if name not in data.targets:
-            shown = ", ".join(data.targets[:10]) + (", …" if len(data.targets) > 10 else "")
-            raise ValueError(f"--target: no target {name!r} in the recording; there are: {shown}")
-    return tuple(dict.fromkeys(wanted)) if wanted else data.targets
-
-
 def _track_all(
     data: Recording,
     bank: Bank,
     names: Sequence[str],
-    robust: Robust | None,
+    robust: RobustRule | None,
+    smooth: bool,
     engine: Engine,
     advance: Any,
 ) -> tuple[dict[str, Result], dict[str, str]]:
@@ -166,9 +136,9 @@ def _track_all(
         begun = time.perf_counter()
         try:
             scans = data.scans(name)
-            gate: Literal["gate"] | None = None if robust is None else "gate"
-            imm = IMM(bank, scans.measurement, update="iekf", robust=gate)
+            imm = IMM(bank, scans.measurement, update="iekf", robust=robust)
             track = imm.run(scans.times, scans.values, pairs=scans.pairs, engine=engine.value)
+            track = track.smooth() if smooth else track
         except ValueError as error:
             failed[name] = str(error)
             continue
@@ -229,6 +199,8 @@ def _summary(
             "scans": len(result.track.times),
             **_figures(data.dims, result.errors),
             "log_likelihood": _last_finite(result.track.log_likelihood),
+            "rows_left_out": int(np.count_nonzero(result.track.row_weight < 0.5)),
+            "lost_scans": int(np.count_nonzero(result.track.lost)),
             "seconds": result.seconds,
             "engine": result.track.engine,
         }
@@ -241,6 +213,8 @@ def _summary(
         "scans": sum(row["scans"] for row in targets.values()),
         **_figures(data.dims, pooled(known) if known else None),
         "log_likelihood": sum(row["log_likelihood"] for row in targets.values()),
+        "rows_left_out": sum(row["rows_left_out"] for row in targets.values()),
+        "lost_scans": sum(row["lost_scans"] for row in targets.values()),
         "seconds": sum(row["seconds"] for row in targets.values()),
         "engine": ", ".join(engines),
     }
@@ -286,6 +260,10 @@ def _tell(data: Recording, summary: Mapping[str, Any], home: Path) -> None:
         out.print(f"{len(targets) - LISTED} more targets are in summary.json")
     if not shown:
         out.print("no truth to compare with")
+    if overall["rows_left_out"]:
+        out.print(f"rows left out or trusted less than half: {overall['rows_left_out']}")
+    if overall["lost_scans"]:
+        out.print(f"scans while lost, nothing having fitted for too long: {overall['lost_scans']}")
     failed = summary["failed"]
     if failed:
         out.print(f"\nnot tracked: {len(failed)} of {len(failed) + len(targets)} targets")

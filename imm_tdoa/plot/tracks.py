@@ -15,6 +15,7 @@ from matplotlib.patches import Patch
 from imm_tdoa.contract import Array, Index
 from imm_tdoa.frames import EastNorthUp
 from imm_tdoa.plot import canvas, marks, panels
+from imm_tdoa.plot.agreement import OUTSIDE
 from imm_tdoa.plot.canvas import Clock, Unit
 from imm_tdoa.plot.maps import Box, name_points, settle
 from imm_tdoa.plot.receivers import OVERVIEW, Receivers, overview
@@ -139,6 +140,15 @@ def _map(
     handles += ax.plot(
         *unit(position.T), color=canvas.TRACK, linewidth=1.6, marker=dots, label="track"
     )
+    if np.any(track.lost):
+        handles += ax.plot(
+            *unit(position[track.lost].T),
+            linestyle="",
+            marker="x",
+            markersize=4,
+            color=OUTSIDE,
+            label="lost: rejects every scan",
+        )
     rows = np.unique(np.linspace(0, len(position) - 1, ELLIPSES).astype(int))
     if marks.ellipses(ax, unit, position[rows], P[rows], 0.5 * shown.width):
         face = to_rgba(canvas.TRACK, 0.18)

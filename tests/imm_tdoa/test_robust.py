@@ -330,8 +330,8 @@ def test_a_row_of_nothing_but_outliers_leaves_the_gate_with_what_it_had(rule):
     imm = IMM(Bank([Static(psd=0.0)]), Position(sigma=1.0, dims=2), robust=rule)
     start = imm.start(0.0, [0.0, 0.0], np.eye(2))
     state = imm.step(start, 0.0, [1e4, -1e4])
-    assert state.rejections == 1
-    assert state.accepted == 0.0
+    assert state.trust.rejected == 1
+    assert not state.trust.lost
     if rule == "gate":
         assert_array_equal(state.covariance, start.covariance)
         assert_array_equal(state.taken.row_weight, 0.0)

@@ -156,14 +156,13 @@ def test_the_geometry_is_the_shipped_scenarios() -> None:
 
 
 def test_everything_together_counts_its_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    from imm_tdoa.reproduce.motion_form import report
-    from imm_tdoa.reproduce.motion_form import switching_target as module
+    from imm_tdoa.reproduce.motion_form import report, switching_target, whole
 
     def two(model: str, per_decade: int = 3) -> list[float]:
         return [0.0, 0.01]
 
-    monkeypatch.setattr(module, "levels", two)
-    monkeypatch.setattr(motion_form, "levels", two)
+    monkeypatch.setattr(switching_target, "levels", two)
+    monkeypatch.setattr(whole, "levels", two)
     told: list[str] = []
     result = motion_form.compute(2, 3, Switches(mixing="zero"), told.append)
     assert len(told) == motion_form.steps()
