@@ -157,7 +157,7 @@ class Cycle:
             mode_nis=np.where(empty[..., None], np.nan, mode_nis),
             row_weight=row_weight,
         )
-        heard = np.isfinite(row_weight).any(axis=-1)
+        heard = np.asarray(np.isfinite(row_weight).any(axis=-1))
         rejected = np.broadcast_to(reading.rejected, heard.shape)
         return attrs.evolve(
             state,
