@@ -22,6 +22,8 @@ KEYS_2D = {
     "velocity_rmse_mps",
     "mean_nees",
     "log_likelihood",
+    "lost_scans",
+    "rows_left_out",
     "seconds",
     "engine",
 }
@@ -215,3 +217,16 @@ def test_real_recording(tmp_path: Path) -> None:
         assert set(figures) - {"targets"} == KEYS_3D
     assert (tmp_path / "track.png").read_bytes().startswith(PNG)
     assert (tmp_path / "track.kml").exists()
+
+
+def test_looking_back_over_all_of_it_halves_the_error(tmp_path: Path) -> None:
+    figures = {}
+    for name, more in (("plain", ()), ("smooth", ("--smooth", "--robust", "student-t"))):
+        code, text = run("track", *more, "--out", tmp_path / name)
+        assert code == 0, text
+        summary = json.loads((tmp_path / name / "summary.json").read_text())
+        assert summary["smoothed"] == (name == "smooth")
+        figures[name] = summary["overall"]["position_rmse_m"]
+    assert figures["smooth"] < 0.8 * figures["plain"]
+    assert summary["robust"] == "student-t"
+    assert "trusted less than half" in text
