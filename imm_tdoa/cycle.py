@@ -15,7 +15,7 @@ from imm_tdoa.contract import Array, Mask, MeasurementModel
 from imm_tdoa.mixing import Hypotheses, Merging, hypotheses, merge
 from imm_tdoa.observation import Observation
 from imm_tdoa.prediction import predict
-from imm_tdoa.reopening import widen
+from imm_tdoa.reopening import choose, widen
 from imm_tdoa.sigma_points import Rule
 from imm_tdoa.state import State, Taken
 
@@ -52,27 +52,18 @@ class Cycle:
         measurement: MeasurementModel,
     ) -> State:
         """Return the state after the scan `z` (..., m) at `time` (...), `dt` after the last."""
-        space = state.space
-        mixed = hypotheses(state, chain, dt > 0.0, self.bank.mixing, self.merging)
-        predictions = [
-            predict(self.bank.models[j], x, P, dt, space.dims, self.rule)
-            for j, x, P in zip(mixed.mode, mixed.means, mixed.covariances, strict=True)
-        ]
-        covariances = [p.P for p in predictions]
-        unseen = state.trust.unseen(time)
-        if np.any(unseen > 0.0):
-            covariances = widen(covariances, mixed.mode, space, self.bank.birth_std, unseen)
-        predicted = attrs.evolve(
-            mixed, means=tuple(p.x for p in predictions), covariances=tuple(covariances)
-        )
-        batch = np.broadcast_shapes(mixed.log_weight.shape[:-1], z.shape[:-1], time.shape)
+        predicted = self._predict(state, dt, chain)
+        opens = state.trust.opens
+        if np.any(opens):
+            predicted = self._reopen(state, predicted, time)
+        batch = np.broadcast_shapes(predicted.log_weight.shape[:-1], z.shape[:-1], time.shape)
         state = attrs.evolve(
             state,
             time=time,
             log_likelihood=np.broadcast_to(state.log_likelihood, batch),
         )
         taken = Taken.nothing(batch, len(state.modes), measurement.size)
-        taken = attrs.evolve(taken, reopened=np.broadcast_to(unseen > 0.0, batch))
+        taken = attrs.evolve(taken, reopened=np.broadcast_to(opens, batch))
         if np.any(np.isfinite(z)):
             return self._weigh(state, predicted, taken, z, measurement)
         means, Ps, log_c = merge(
@@ -80,6 +71,41 @@ class Cycle:
         )
         return attrs.evolve(
             state, means=means, covariances=Ps, log_mode_probability=log_c, taken=taken
+        )
+
+    def _predict(self, state: State, dt: Array, chain: Array) -> Hypotheses:
+        mixed = hypotheses(state, chain, dt > 0.0, self.bank.mixing, self.merging)
+        predictions = [
+            predict(self.bank.models[j], x, P, dt, state.space.dims, self.rule)
+            for j, x, P in zip(mixed.mode, mixed.means, mixed.covariances, strict=True)
+        ]
+        return attrs.evolve(
+            mixed,
+            means=tuple(p.x for p in predictions),
+            covariances=tuple(p.P for p in predictions),
+        )
+
+    def _reopen(self, state: State, predicted: Hypotheses, time: Array) -> Hypotheses:
+        """Predict lost targets from when they were last trusted, widened by the birth law."""
+        trust = state.trust
+        gap = np.where(trust.opens, time - trust.since, 0.0)
+        last = attrs.evolve(
+            state,
+            means=trust.means,
+            covariances=trust.covariances,
+            log_mode_probability=trust.log_mode_probability,
+        )
+        anew = self._predict(last, gap, self.bank.chain(gap))
+        wide = widen(anew.covariances, anew.mode, state.space, self.bank.birth_std, gap)
+        pairs = zip(anew.means, predicted.means, strict=True)
+        return attrs.evolve(
+            predicted,
+            means=tuple(choose(trust.opens, a, b, 1) for a, b in pairs),
+            covariances=tuple(
+                choose(trust.opens, a, b, 2)
+                for a, b in zip(wide, predicted.covariances, strict=True)
+            ),
+            log_weight=choose(trust.opens, anew.log_weight, predicted.log_weight, 1),
         )
 
     def _weigh(
@@ -144,7 +170,7 @@ class Cycle:
             )
         nu, S = observation.mixture_innovation(seen, weight, P)
         dof = np.broadcast_to(np.count_nonzero(seen.present, axis=-1), log_L.shape)
-        white = np.linalg.solve(gaussian.factor(S), nu[..., None])[..., 0]
+        white = np.linalg.solve(gaussian.innovation_factor(S), nu[..., None])[..., 0]
         row_weight = np.array(taken.row_weight)
         row_weight[..., rows] = reading.row_weight
         mode_log_l, mode_nis = _by_mode(predicted, log_l, np.stack([u.nis for u in updates], -1))
@@ -157,8 +183,14 @@ class Cycle:
             mode_nis=np.where(empty[..., None], np.nan, mode_nis),
             row_weight=row_weight,
         )
-        heard = np.asarray(np.isfinite(row_weight).any(axis=-1))
-        rejected = np.broadcast_to(reading.rejected, heard.shape)
+        batch = log_L.shape
+        heard = np.broadcast_to(reading.pieces > 0, batch)
+        rejected = np.broadcast_to(reading.rejected, batch)
+        trust = state.trust
+        if self.robust is not None:
+            trust = trust.after(
+                heard, rejected, self.reopen_after, state.time, means, covariances, log_p
+            )
         return attrs.evolve(
             state,
             means=means,
@@ -166,7 +198,7 @@ class Cycle:
             log_mode_probability=log_p,
             log_likelihood=state.log_likelihood + log_L + reading.price,
             taken=taken,
-            trust=state.trust.after(heard, rejected, state.time, self.reopen_after),
+            trust=trust,
         )
 
 

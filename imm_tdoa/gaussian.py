@@ -6,6 +6,7 @@ leaves the computation exactly, as if it had been cut out of z, h, H and R, with
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from imm_tdoa.contract import Array, Index, Mask
 
 LOG_2PI = float(np.log(2.0 * np.pi))
+ROUNDING = (1e-13, 1e-11, 1e-9)  # of a sum of products, the more terms cancelled the larger
 
 
 class Update(NamedTuple):
@@ -84,6 +86,24 @@ def factor(S: Array, what: str = "innovation covariance") -> Array:
         raise ValueError(f"{what}: not positive definite") from error
 
 
+def innovation_factor(S: Array, R: Array | None = None) -> Array:
+    """Return the lower Cholesky factor of S = H P H' + R (..., m, m).
+
+    With a prediction so diffuse that R is lost in rounding, S may come out indefinite although
+    `R` (if it is given) is not: then it is lifted by the rounding of its own entries.
+    """
+    try:
+        return factor(S)
+    except ValueError:
+        if R is not None:
+            factor(R, "innovation covariance")
+        own = np.eye(S.shape[-1]) * S
+        for rounding in ROUNDING[:-1]:
+            with suppress(ValueError):
+                return factor(S + rounding * own)
+        return factor(S + ROUNDING[-1] * own)
+
+
 def update(x: Array, P: Array, nu: Array, H: Array, R: Array, present: Mask) -> Update:
     """Kalman update in Joseph form with innovation `nu`; log-likelihood from the factor of S.
 
@@ -110,7 +130,7 @@ def update(x: Array, P: Array, nu: Array, H: Array, R: Array, present: Mask) -> 
     nu, H, R = mask_rows(nu, H, R, present)
     HP = H @ P
     S = symmetric(HP @ np.swapaxes(H, -1, -2) + R)
-    L = factor(S)
+    L = innovation_factor(S, R)
     white = np.linalg.solve(L, np.concatenate([HP, nu[..., None]], axis=-1))
     A, w = white[..., :-1], white[..., -1]
     K = np.swapaxes(np.linalg.solve(np.swapaxes(L, -1, -2), A), -1, -2)

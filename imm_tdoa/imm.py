@@ -51,8 +51,8 @@ class IMM:
     reopen_after : int
         Robust filters only: after so many scans rejected on end (half or more of their rows
         distrusted) the track is lost, until it could use as many on end. While it is lost and
-        rejects scans it opens: its covariance grows by all that the birth law allows since the
-        last scan that can be trusted.
+        rejects scans it opens: it is predicted from the last scan that can be trusted, widened
+        by all that the birth law allows since then.
 
     Examples
     --------
@@ -163,14 +163,15 @@ class IMM:
         ]
         with np.errstate(divide="ignore"):
             log_p = np.broadcast_to(np.log(self.bank.prior), (*batch, len(self.bank)))
+        means, covariances = tuple(x for x, _ in parts), tuple(c for _, c in parts)
         return State(
             time=time,
-            means=tuple(x for x, _ in parts),
-            covariances=tuple(c for _, c in parts),
+            means=means,
+            covariances=covariances,
             log_mode_probability=log_p,
             log_likelihood=np.zeros(batch),
             taken=Taken.nothing(batch, len(self.bank), self.measurement.size),
-            trust=Trust.full(batch, time),
+            trust=Trust.full(time, means, covariances, log_p),
             space=space,
             modes=self.bank.names,
         )

@@ -26,30 +26,74 @@ class Trust:
         Whether the track is lost.
     since : (...)
         Time of the last scan used while it was not, s.
+    means, covariances, log_mode_probability
+        The modes as they were then.
     """
 
     rejected: Index
     used: Index
     lost: Mask
     since: Array
+    means: tuple[Array, ...]
+    covariances: tuple[Array, ...]
+    log_mode_probability: Array
 
     @classmethod
-    def full(cls, batch: tuple[int, ...], time: Array) -> Trust:
+    def full(
+        cls,
+        time: Array,
+        means: tuple[Array, ...],
+        covariances: tuple[Array, ...],
+        log_mode_probability: Array,
+    ) -> Trust:
         """Trust in a track that begins."""
+        batch = log_mode_probability.shape[:-1]
         none = np.zeros(batch, dtype=np.int64)
-        return cls(none, none, np.zeros(batch, dtype=bool), np.broadcast_to(time, batch))
+        lost = np.zeros(batch, dtype=bool)
+        since = np.broadcast_to(time, batch)
+        return cls(none, none, lost, since, means, covariances, log_mode_probability)
 
-    def unseen(self, time: Array) -> Array:
-        """How long (...) nothing that can be trusted was seen, s; 0 unless the track must widen."""
-        return np.where(self.lost & (self.rejected > 0), time - self.since, 0.0)
+    @property
+    def opens(self) -> Mask:
+        """Where (...) the next scan is compared with what the last trusted state allows."""
+        return self.lost & (self.rejected > 0)
 
-    def after(self, heard: Mask, rejected: Mask, time: Array, patience: int) -> Trust:
-        """Trust after a scan at `time`, `heard` where there was one at all."""
+    def after(
+        self,
+        heard: Mask,
+        rejected: Mask,
+        patience: int,
+        time: Array,
+        means: tuple[Array, ...],
+        covariances: tuple[Array, ...],
+        log_mode_probability: Array,
+    ) -> Trust:
+        """Trust after a scan, `heard` where it said anything, and the modes that it left."""
         rejections = np.where(heard, np.where(rejected, self.rejected + 1, 0), self.rejected)
         used = np.where(heard, np.where(rejected, 0, self.used + 1), self.used)
         lost = (self.lost & (used < patience)) | (rejections >= patience)
-        since = np.where(heard & ~rejected & ~lost, time, self.since)
-        return Trust(rejections, used, lost, since)
+        good = heard & ~rejected & ~lost
+        return Trust(
+            rejections,
+            used,
+            lost,
+            np.where(good, time, self.since),
+            tuple(choose(good, a, b, 1) for a, b in zip(means, self.means, strict=True)),
+            tuple(
+                choose(good, a, b, 2) for a, b in zip(covariances, self.covariances, strict=True)
+            ),
+            choose(good, log_mode_probability, self.log_mode_probability, 1),
+        )
+
+
+def choose(where: Mask, new: Array, old: Array, trailing: int) -> Array:
+    """Return `new` where (...) it holds, else `old`; neither is copied where it holds for all."""
+    if np.all(where):
+        return new
+    if not np.any(where) and old.shape == new.shape:
+        return old
+    result: Array = np.where(where.reshape(where.shape + (1,) * trailing), new, old)
+    return result
 
 
 def widen(

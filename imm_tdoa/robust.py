@@ -17,13 +17,13 @@ import numpy as np
 from scipy.special import digamma, gammaln
 
 from imm_tdoa import gaussian, mixture
-from imm_tdoa.contract import Array, Mask
+from imm_tdoa.contract import Array, Index, Mask
 from imm_tdoa.observation import Observation, combined, mixture_innovation, without_offsets
 
 AMBIGUOUS = 3.0  # log-odds of two sources, 20 to 1, below which either may be the bad one
 TESTABLE = 1e-9  # share of a source's information that the others leave to test it by
-ROUNDS = 30  # of the weights of Student's t
-SETTLED = 1e-3  # relative change of a weight that ends them
+ROUNDS = 15  # of the weights of Student's t
+SETTLED = 1e-2  # relative change of a weight that ends them
 
 
 @attrs.frozen(eq=False)
@@ -45,12 +45,15 @@ class Reading:
         Share of its information that each row keeps; NaN is missing.
     rejected : (...)
         Whether the scan as a whole contradicts the prediction.
+    pieces : (...)
+        Independent pieces of information in the scan: rows, less one per shared offset.
     """
 
     present: Mask
     price: Array
     row_weight: Array
     rejected: Mask
+    pieces: Index
     combine: Array | None = None
     extra_noise: Array | None = None
 
@@ -68,7 +71,9 @@ def plainly(seen: Observation) -> Reading:
     """Every row as it is."""
     weight = np.where(seen.present, 1.0, np.nan)
     batch = seen.present.shape[:-1]
-    return Reading(seen.present, np.zeros(batch), weight, np.zeros(batch, dtype=bool))
+    pieces = np.count_nonzero(_free_of_offsets(seen)[1].present, axis=-1)
+    no = np.zeros(batch, dtype=bool)
+    return Reading(seen.present, np.zeros(batch), weight, no, np.asarray(pieces))
 
 
 def gate(seen: Observation, log_weight: Array, P: Sequence[Array], threshold: float) -> Reading:
@@ -86,7 +91,9 @@ def gate(seen: Observation, log_weight: Array, P: Sequence[Array], threshold: fl
     What was left out counts in the likelihood as if it lay on the gate: given the rows kept, k
     pieces of covariance C count as -(k (threshold + log 2 pi) + log det C)/2, so that dropping
     good rows does not pay. log det C is the difference of the log-determinants of all rows and
-    of those kept, shared offsets eliminated from both.
+    of those kept, shared offsets eliminated from both. Errors that hide each other, so that no
+    single one can be told, are not let in either: where the scan is explained better by leaving
+    it out as a whole, that is done.
 
     Parameters
     ----------
@@ -120,6 +127,7 @@ def gate(seen: Observation, log_weight: Array, P: Sequence[Array], threshold: fl
     seen_rows = np.broadcast_to(seen.present, touched.shape)
     few = 2 * kept <= count
     return Reading(
+        pieces=np.asarray(count, dtype=np.int64),
         present=present,
         price=price,
         row_weight=np.where(seen_rows, np.where(touched, 0.0, 1.0), np.nan),
@@ -141,7 +149,7 @@ def _free_of_offsets(seen: Observation) -> tuple[Array, Observation]:
 def _size(part: Observation, weight: Array, P: Sequence[Array]) -> tuple[Array, Array]:
     """Log-determinant of the bank's innovation covariance, and the rows in it."""
     _, S = mixture_innovation(part, weight, P)
-    diagonal = np.einsum("...ii->...i", gaussian.factor(S))
+    diagonal = np.einsum("...ii->...i", gaussian.innovation_factor(S))
     return 2.0 * np.sum(np.log(diagonal), axis=-1), np.count_nonzero(part.present, axis=-1)
 
 
@@ -149,6 +157,7 @@ class _Judged(NamedTuple):
     """Sources against one Gaussian: log-density of the rows, and per source (..., k)."""
 
     log_density: Array
+    log_det: Array
     statistic: Array
     information: Array
 
@@ -158,7 +167,7 @@ def _judge(nu: Array, S: Array, present: Mask, d: Array) -> _Judged:
     both = present[..., :, None] & present[..., None, :]
     S = np.where(both, S, np.eye(S.shape[-1]))
     nu = np.where(present, nu, 0.0)
-    L = gaussian.factor(S)
+    L = gaussian.innovation_factor(S)
     white = np.linalg.solve(L, np.concatenate([nu[..., None], d], axis=-1))
     w, e = white[..., 0], white[..., 1:]
     information = np.sum(e**2, axis=-2)
@@ -167,7 +176,7 @@ def _judge(nu: Array, S: Array, present: Mask, d: Array) -> _Judged:
     tested = information * alone > TESTABLE
     statistic = np.where(tested, score**2 / np.where(tested, information, 1.0), 0.0)
     log_det = 2.0 * np.sum(np.log(np.einsum("...ii->...i", L)), axis=-1)
-    return _Judged(-0.5 * (np.sum(w**2, axis=-1) + log_det), statistic, information)
+    return _Judged(-0.5 * (np.sum(w**2, axis=-1) + log_det), log_det, statistic, information)
 
 
 def _snoop(
@@ -185,10 +194,12 @@ def _snoop(
     d = np.broadcast_to(np.where(free.present[..., None], d, 0.0), (*batch, *d.shape[-2:]))
     present = np.array(np.broadcast_to(free.present, (*batch, m)))
     T = np.broadcast_to(np.eye(m), (*batch, m, m))
+    raw_rows = np.any(d != 0.0, axis=-2)
     left_out = np.zeros((*batch, d.shape[-1]), dtype=bool)
     suspect = np.zeros_like(left_out)
     for _ in range(m):
-        gain = _gain([_judge(nu, S, present, d) for nu, S in parts], log_weight, threshold)
+        judged = [_judge(nu, S, present, d) for nu, S in parts]
+        gain = _gain(judged, log_weight, threshold)
         gain = np.where(np.any(d != 0.0, axis=-2), gain, -np.inf)
         suspect &= np.isfinite(gain)
         suspect |= (gain > 0.0) & (gain >= np.max(gain, axis=-1, keepdims=True) - AMBIGUOUS)
@@ -212,7 +223,23 @@ def _snoop(
         d = np.where(present[..., None], step @ d, 0.0)
         d = np.where(np.abs(d) > 1e-12, d, 0.0)
         T = step @ T
+    hopeless = _hopeless(judged, log_weight, present, threshold)
+    if np.any(hopeless):
+        rows = np.arange(d.shape[-1]) >= d.shape[-1] - m
+        left_out |= hopeless[..., None] & rows & np.broadcast_to(raw_rows, left_out.shape)
+        present &= ~hopeless[..., None]
     return T, present, left_out
+
+
+def _hopeless(
+    judged: Sequence[_Judged], log_weight: Array, present: Mask, threshold: float
+) -> Mask:
+    """Where (...) the rows that are left would all the same better be left out, every one."""
+    modes, bank = judged[:-1], judged[-1]
+    with_them = np.stack([one.log_density for one in modes], axis=-1) + log_weight
+    on_the_gate = -0.5 * (np.count_nonzero(present, axis=-1) * threshold + bank.log_det)
+    result: Mask = mixture.normalise(with_them)[1] < on_the_gate
+    return result
 
 
 def _innovation(free: Observation, j: int, P: Array) -> tuple[Array, Array]:
@@ -288,6 +315,7 @@ def student_t(seen: Observation, log_weight: Array, P: Sequence[Array], dof: flo
         price=price,
         row_weight=np.where(present, share, np.nan),
         rejected=(left <= 0.5 * np.count_nonzero(present, axis=-1)) & present.any(axis=-1),
+        pieces=np.asarray(np.count_nonzero(free.present, axis=-1)),
         extra_noise=extra,
     )
 
@@ -308,7 +336,7 @@ def _weights(
     """
     batch = np.broadcast_shapes(heard.shape[:-1], log_weight.shape[:-1])
     heard = np.broadcast_to(heard, (*batch, heard.shape[-1]))
-    lam = np.ones(heard.shape)
+    lam, settled = np.ones(heard.shape), np.zeros(batch, dtype=bool)
     share = begin
     for _ in range(ROUNDS):
         noise = v / lam
@@ -318,9 +346,11 @@ def _weights(
             share = _shares(explained, log_weight)
         square = sum(np.exp(share[..., j, None]) * e2 for j, (e2, _) in enumerate(explained)) / v
         share = None
-        before, lam = lam, np.minimum((dof + 1.0) / (dof + square), 1.0)
-        lam = np.where(heard, lam, 1.0)
-        if np.all(np.abs(lam - before) <= SETTLED * lam):
+        new = np.where(heard, np.minimum((dof + 1.0) / (dof + square), 1.0), 1.0)
+        still = np.all(np.abs(new - lam) <= SETTLED * new, axis=-1)
+        lam = np.where(settled[..., None], lam, new)
+        settled |= still
+        if np.all(settled):
             break
     Q = np.einsum("...ik,...k,...jk->...ij", D, v / lam - v, D)
     log_joint = log_weight + np.stack(
@@ -332,7 +362,7 @@ def _weights(
 
 def _explain(nu: Array, S: Array, D: Array, noise: Array) -> tuple[Array, Array]:
     """E[e²] (..., k) of the sources' errors given the innovation, and its log-density (...)."""
-    L = gaussian.factor(S)
+    L = gaussian.innovation_factor(S)
     white = np.linalg.solve(L, np.concatenate([nu[..., None], D], axis=-1))
     w, G = white[..., 0], white[..., 1:]
     e = noise * np.einsum("...ik,...i->...k", G, w)

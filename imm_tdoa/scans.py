@@ -60,13 +60,11 @@ class Scans:
             measurement.with_pairs(pairs)  # refuses what is wrong in any scan
             measurement = measurement.with_pairs(pairs[..., 0, :, :])
         values = _validate.array("values", values, (None, T, measurement.size), finite=False)
-        try:
-            np.broadcast_shapes(values.shape[:-2], times.shape[:-1])
-        except ValueError:
+        batch = _fit("times", times.shape[:-1], values.shape[:-2])
+        if pairs is not None and _fit("pairs", pairs.shape[:-3], batch) != batch:
             raise ValueError(
-                f"times: batch axes {times.shape[:-1]} do not fit those of values, "
-                f"{values.shape[:-2]}"
-            ) from None
+                f"pairs: of {pairs.shape[:-3]} targets, but times and values are of {batch}"
+            )
         return cls(measurement, times, values, pairs)
 
     def __iter__(self) -> Iterator[Any]:
@@ -105,3 +103,10 @@ class Scans:
         if pairs is not None and pairs.ndim > 3:
             pairs = np.broadcast_to(pairs, (*self.batch, *pairs.shape[-3:]))[index]
         return Scans(self.measurement, times, values, pairs)
+
+
+def _fit(name: str, own: tuple[int, ...], values: tuple[int, ...]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(own, values)
+    except ValueError:
+        raise ValueError(f"{name}: batch axes {own} do not fit those of values, {values}") from None

@@ -12,6 +12,7 @@ from imm_tdoa.contract import Array, Index, Mask, MeasurementModel
 from imm_tdoa.locate.gauss_newton import fix_scans
 from imm_tdoa.observation import Observation, predict_each, usable_rows, without_offsets
 from imm_tdoa.scans import Scans
+from imm_tdoa.sigma_points import roots
 
 STRAIGHT = 1e-2  # an extended update that misses its own promise by less needs no iteration
 STILL = 1e-3  # an iteration that moves no component by more posterior sigmas has converged
@@ -108,16 +109,22 @@ def _descend(
     inverse: Sequence[Array],
 ) -> tuple[list[gaussian.Update], Mask]:
     """Gauss-Newton from the states `at`, halving steps that fit worse; and who (...) arrived."""
-    there = look(at)
+    there, settled = look(at), np.zeros(cost[0].shape, dtype=bool)
+    updates: list[gaussian.Update] = []
     for _ in range(ITERATIONS):
-        updates = extended_at(there, at)
-        step = [u.x - a for u, a in zip(updates, at, strict=True)]
-        moved = [
-            np.max(np.abs(d) / _spread(u.P), axis=-1) for d, u in zip(step, updates, strict=True)
+        now_at = extended_at(there, at)
+        updates = [
+            gaussian.Update(*(_where(settled, a, b) for a, b in zip(old, new, strict=True)))
+            for old, new in zip(updates or now_at, now_at, strict=True)
         ]
-        settled: Mask = np.max(np.stack(moved), axis=0) < STILL
+        step = [u.x - a for u, a in zip(now_at, at, strict=True)]
+        moved = [
+            np.max(np.abs(d) / _spread(u.P), axis=-1) for d, u in zip(step, now_at, strict=True)
+        ]
+        settled |= np.max(np.stack(moved), axis=0) < STILL
         if np.all(settled):
             break
+        step = [np.where(settled[..., None], 0.0, d) for d in step]
         share = [np.ones(m.shape) for m in moved]
         for _ in range(HALVINGS):
             trial = [a + q[..., None] * d for a, q, d in zip(at, share, step, strict=True)]
@@ -127,7 +134,9 @@ def _descend(
             if not np.any(worse):
                 break
             share = [np.where(w, 0.5 * q, q) for w, q in zip(worse, share, strict=True)]
-        at, cost = trial, now
+        at = [_where(~w, t, a) for w, t, a in zip(worse, trial, at, strict=True)]
+        cost = [np.where(w, c, n) for w, n, c in zip(worse, now, cost, strict=True)]
+        there = look(at) if np.any(worse) else there
     return updates, settled
 
 
@@ -150,17 +159,40 @@ def at_own_fix(
     _, present = gaussian.offset_contrast(np.ones(present.shape), present, measurement.offset_group)
     if np.count_nonzero(present, axis=-1).max(initial=0) < d:
         return None
-    time = np.broadcast_to(time, values.shape[:-1])[..., None]
-    scans = Scans(measurement, time, values[..., None, :])
-    fix = fix_scans(scans, moving=velocity_std is not None, velocity_std=velocity_std)
-    known = np.asarray(fix.converged)[..., None]
+    where, known = _own_fix(measurement, time, values, velocity_std)
+    known = known[..., None]
     result = []
     for xj, Pj, p in zip(x, P, position, strict=True):
-        away = np.where(known, fix.position - xj[..., p], 0.0)
-        Ppp = Pj[..., p[:, None], p]
-        pull = np.linalg.solve(Ppp, away[..., None])
+        away = np.where(known, where - xj[..., p], 0.0)
+        W = roots(Pj[..., p[:, None], p])[1]  # a direction known exactly is not moved along
+        pull = np.swapaxes(W, -1, -2) @ (W @ away[..., None])
         result.append(xj + (Pj[..., :, p] @ pull)[..., 0])
     return result
+
+
+def _own_fix(
+    measurement: MeasurementModel, time: float | Array, values: Array, velocity_std: Array | None
+) -> tuple[Array, Mask]:
+    """Where (..., d) each scan by itself locates the emitter, and whether (...) it does."""
+    parts = [
+        part.pairs
+        for part in getattr(measurement, "models", (measurement,))
+        if hasattr(part, "pairs")
+    ]
+    time = np.broadcast_to(time, values.shape[:-1])
+    if any(pairs.ndim > 2 for pairs in parts):  # targets with pairs of their own, one by one
+        where = np.zeros((*values.shape[:-1], measurement.dims))
+        known = np.zeros(values.shape[:-1], dtype=bool)
+        full = [np.broadcast_to(p, (*known.shape, *p.shape[-2:])) for p in parts]
+        pairs = np.concatenate(full, axis=-2)
+        for index in np.ndindex(known.shape):
+            if np.any(np.isfinite(values[index])):
+                one = measurement.with_pairs(pairs[index])
+                where[index], known[index] = _own_fix(one, time[index], values[index], velocity_std)
+        return where, known
+    scans = Scans(measurement, time[..., None], values[..., None, :])
+    fix = fix_scans(scans, moving=velocity_std is not None, velocity_std=velocity_std)
+    return fix.position, np.asarray(fix.converged)
 
 
 def _misfit(

@@ -223,7 +223,8 @@ def _fits(
 
     Scans before the track's start nobody has judged: a robust comparison does without them.
     """
-    weight = np.ones((*scans.batch, *scans.values.shape[-2:]))
+    batch = np.broadcast_shapes(scans.batch, track.row_weight.shape[:-2])
+    weight = np.ones((*batch, *scans.values.shape[-2:]))
     rows = slice(scans.count - track.row_weight.shape[-2], None)
     known = track.row_weight
     weight[..., rows, :] = np.where(np.isfinite(known), known, 1.0)

@@ -72,7 +72,7 @@ class Likelihood:
             ("position", space.position[0]),
             ("velocity", space.velocity[0]),
             ("unknowns", len(space.components)),
-            ("noiseless", not np.any(Q)),
+            ("noiseless", not np.any(Q) and getattr(self.model, "composes", True)),
         ):
             object.__setattr__(self, name, value)
 

@@ -149,11 +149,11 @@ MODELS = {
 def test_nothing_breaks_whatever_comes(names, seed, update, merging, mixing, robust):
     """500 steps an example, 10 000 in all: covariances, probabilities, numbers stay what they are.
 
-    Random time steps, one in five of them zero; missing rows and whole scans; outliers up to a
-    million sigma.
+    Random time steps, one in five of them zero; missing rows and whole scans; outliers up to ten
+    thousand sigma, 90 km among stations 18 km apart.
     """
     rng = np.random.default_rng(seed)
-    targets, steps = 4, 125
+    targets, steps = 10, 50
     bank = Bank(
         [MODELS[name] for name in names],
         mean_sojourn=rng.uniform(5.0, 100.0, len(names)),
@@ -167,7 +167,7 @@ def test_nothing_breaks_whatever_comes(names, seed, update, merging, mixing, rob
     walk = np.cumsum(rng.normal(size=(targets, steps, 2)) * np.sqrt(dt)[:, None] * 5.0, axis=1)
     place = np.array([1e3, 2e3]) + walk
     z = tdoa.predict(place, 0.0 * place, 0.0) / C + 30e-9 * rng.normal(size=(targets, steps, 4))
-    z = z + np.where(rng.random(z.shape) < 0.1, 30e-9 * 10.0 ** rng.uniform(0, 6, z.shape), 0.0)
+    z = z + np.where(rng.random(z.shape) < 0.1, 30e-9 * 10.0 ** rng.uniform(0, 4, z.shape), 0.0)
     z[rng.random(z.shape) < 0.15] = np.nan
     z[rng.random(z.shape[:2]) < 0.1] = np.nan
     imm = IMM(bank, tdoa, update=update, merging=merging, robust=robust)

@@ -44,7 +44,7 @@ def test_car_among_satellites(range_rates: bool, limit_m: float) -> None:
     ours = horizontal_rmse(bank, drive)
     alone = {
         f"ConstantVelocity(psd={psd:g})": horizontal_rmse(Bank([ConstantVelocity(psd=psd)]), drive)
-        for psd in (0.3, 0.6, 1.0)
+        for psd in (0.3, 1.0)
     }
     alone["ConstantAcceleration(psd=0.5)"] = horizontal_rmse(
         Bank([ConstantAcceleration(psd=0.5)]), drive

@@ -366,3 +366,90 @@ def test_a_track_that_rejects_too_long_is_lost_and_opens_again(rule):
 def test_a_wrong_number_of_scans_is_refused(wrong):
     with pytest.raises(ValueError, match="reopen_after: expected a number of scans"):
         IMM(Bank([Static(psd=0.0)]), Position(sigma=1.0, dims=2), reopen_after=wrong)
+
+
+@pytest.mark.parametrize("update", ["ekf", "iekf"])
+@pytest.mark.parametrize("rule", ["gate", "student-t"])
+@pytest.mark.parametrize("size", [100.0, 3333.0])
+def test_a_lost_track_finds_the_emitter_again(size, rule, update):
+    """30 scans of nothing but outliers, then 25 good ones: every run is back within 5 sigma."""
+    rng = np.random.default_rng(6)
+    runs, steps, sigma = 40, 60, 30e-9
+    stations = Stations([[0.0, 0.0], [5e3, 500.0], [2e3, 5e3], [-4e3, 3e3], [-1e3, -4e3]])
+    tdoa = TDOA(stations, toa_sigma=sigma)
+    t = np.arange(steps, dtype=float)
+    place = np.array([800.0, 600.0]) + t[:, None] * [12.0, -7.0]
+    arrival = np.linalg.norm(place[:, None, :] - stations.positions, axis=-1) / C
+    arrival = arrival + sigma * rng.normal(size=(runs, steps, 5))
+    arrival[:, 5:35] += size * sigma * rng.choice([-1.0, 1.0], size=(runs, 30, 5))
+    z = arrival[..., 1:] - arrival[..., :1]
+    bank = Bank(
+        [Static(psd=0.01), ConstantVelocity(psd=0.1)],
+        mean_sojourn=60.0,
+        birth_std={"velocity": 30.0},
+    )
+    track = IMM(bank, tdoa, robust=rule, update=update).run(t, z)
+    error = np.linalg.norm(track.position[:, -1] - place[-1], axis=-1)
+    assert np.count_nonzero(error > 60.0) <= 1
+    assert not track.lost[:, -1].any()
+
+
+def test_a_scan_without_information_restores_no_trust():
+    """A lone arrival behind an unknown emission time says nothing, good or bad."""
+    imm = IMM(Bank([Static(psd=0.0)]), TOA(STATIONS, sigma=SIGMA), robust="gate", reopen_after=3)
+    state = imm.start(0.0, P0 + 4e3, np.eye(2))
+    z = arrivals()
+    for k in range(6):
+        state = imm.step(
+            state, float(k), z if k % 2 == 0 else np.where(np.arange(5) == 1, z, np.nan)
+        )
+    assert state.trust.rejected == 3
+    assert state.trust.lost
+
+
+@pytest.mark.parametrize("update", ["ekf", "iekf"])
+def test_student_t_and_the_iteration_leave_the_targets_of_a_batch_alone(update):
+    rng = np.random.default_rng(8)
+    bank = Bank([Static(psd=1.0), ConstantVelocity(psd=1.0)])
+    imm = IMM(bank, TOA(STATIONS, sigma=SIGMA), robust="student-t", update=update)
+    z = arrivals() + SIGMA * rng.normal(size=(8, 20, 5)) * np.where(
+        rng.random((8, 20, 5)) < 0.2, 50.0, 1.0
+    )
+    times = np.arange(20.0)
+    begin = P0 + 30.0 * rng.normal(size=(8, 2))
+    batch = imm.run(times, z, start=imm.start(-1.0, begin, 900.0 * np.eye(2)))
+    for b in range(8):
+        one = imm.run(times, z[b], start=imm.start(-1.0, begin[b], 900.0 * np.eye(2)))
+        assert_allclose(batch.mean[b], one.mean, rtol=1e-9, atol=1e-7)
+
+
+def test_errors_that_hide_each_other_are_not_let_in():
+    """Two gross rows of three: no single one explains it; nothing is better than that."""
+    tdoa = TDOA(STATIONS, tdoa_sigma=SIGMA, pairs=[[1, 0], [2, 0], [3, 0], [4, 0]])
+    z = tdoa.predict(P0, np.zeros(2), 0.0) / C + np.array([8e-6, -7e-6, 9e-6, 0.0])
+    imm = IMM(Bank([Static(psd=0.0)]), tdoa, robust="gate")
+    start = imm.start(0.0, P0, 25.0 * np.eye(2))
+    state = imm.step(start, 0.0, z)
+    assert np.linalg.norm(state.mean - P0) < 10.0
+    everything_out = robust.gate(against(tdoa, z, P0), np.zeros(1), SPREAD, 1e-6).price
+    assert state.log_likelihood >= everything_out - 1e3
+
+
+def test_pairs_of_each_targets_own_and_a_start_known_exactly():
+    """What once raised: the iterated update with pairs per target, and with no uncertainty."""
+    pairs = np.array([[[1, 0], [2, 0], [3, 0]], [[2, 1], [3, 1], [4, 1]], [[0, 4], [1, 4], [2, 4]]])
+    each = np.broadcast_to(pairs[:, None], (3, 4, 3, 2))
+    tdoa = TDOA(STATIONS, toa_sigma=SIGMA, pairs=pairs[0])
+    z = TDOA(STATIONS, toa_sigma=SIGMA, pairs=pairs).predict(
+        np.broadcast_to(P0, (3, 2)), np.zeros((3, 2)), 0.0
+    )
+    values = np.broadcast_to(z[:, None] / C, (3, 4, 3))
+    for rule in (None, "gate", "student-t"):
+        imm = IMM(Bank([Static(psd=0.0)]), tdoa, update="iekf", robust=rule)
+        start = imm.start(-1.0, np.broadcast_to(P0 + 4e3, (3, 2)), 1e6 * np.eye(2))
+        track = imm.run(np.arange(4.0), values, start=start, pairs=each)
+        assert np.all(np.isfinite(track.mean))
+    sure = imm.start(0.0, P0 + 3e3, np.zeros((2, 2)))
+    assert_allclose(imm.step(sure, 0.0, values[0, 0], pairs=pairs[0]).mean, P0 + 3e3)
+    with pytest.raises(ValueError, match="pairs"):
+        imm.run(np.arange(4.0), values[0], pairs=each)
