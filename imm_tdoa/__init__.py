@@ -18,6 +18,7 @@ from imm_tdoa.track import Track
 if TYPE_CHECKING:
     from imm_tdoa import (
         bounds,
+        gaussian_sum,
         interop,
         locate,
         metrics,
@@ -27,11 +28,14 @@ if TYPE_CHECKING:
         simulate,
         testing,
     )
+    from imm_tdoa.gaussian_sum import GaussianSum
     from imm_tdoa.recording import Recording
+    from imm_tdoa.sequence_filter import SequenceFilter
 
 _LAZY = (
     "bankfile",
     "bounds",
+    "gaussian_sum",
     "interop",
     "locate",
     "metrics",
@@ -39,6 +43,7 @@ _LAZY = (
     "plot",
     "recording",
     "selection",
+    "sequence_filter",
     "simulate",
     "testing",
 )
@@ -47,10 +52,13 @@ __version__ = "0.1.0"
 __all__ = [
     "IMM",
     "Bank",
+    "GaussianSum",
     "Recording",
+    "SequenceFilter",
     "Stations",
     "Track",
     "bounds",
+    "gaussian_sum",
     "interop",
     "locate",
     "metrics",
@@ -65,6 +73,10 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return import_module(f"imm_tdoa.{name}")
+    if name == "GaussianSum":
+        return import_module("imm_tdoa.gaussian_sum").GaussianSum
     if name == "Recording":
         return import_module("imm_tdoa.recording").Recording
+    if name == "SequenceFilter":
+        return import_module("imm_tdoa.sequence_filter").SequenceFilter
     raise AttributeError(f"module 'imm_tdoa' has no attribute {name!r}")

@@ -74,6 +74,12 @@ def observe(
         else:
             h, H, rest = _over_points(measurement, mean, P[j], p, v, time, rows, rule)
             R = R + rest
+        constants = getattr(measurement, "constant_errors", None)
+        if constants is not None:  # the state's last components, which enter the rows linearly
+            A = constants(place, speed, time)[..., rows, :]
+            k = A.shape[-1]
+            H[..., -k:] += A
+            h = h + np.einsum("...ij,...j->...i", A, mean[..., -k:])
         nu = z - h
         nus.append(np.where(angular, gaussian.wrap(nu), nu))
         Hs.append(H)

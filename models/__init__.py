@@ -2,6 +2,7 @@
 
 from imm_tdoa.models.measurement.fdoa import FDOA
 from imm_tdoa.models.measurement.height import Height
+from imm_tdoa.models.measurement.phase_difference import PhaseDifference
 from imm_tdoa.models.measurement.position import Position
 from imm_tdoa.models.measurement.range_rate import RangeRate
 from imm_tdoa.models.measurement.stack import Stack
@@ -21,6 +22,7 @@ __all__ = [
     "ConstantVelocity",
     "CoordinatedTurn",
     "Height",
+    "PhaseDifference",
     "Position",
     "RangeRate",
     "Singer",

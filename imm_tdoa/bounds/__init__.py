@@ -8,5 +8,14 @@
 from imm_tdoa.bounds.fix import crlb, fisher_information, gdop
 from imm_tdoa.bounds.mean import mean_error
 from imm_tdoa.bounds.posterior import PosteriorBound, pcrlb
+from imm_tdoa.bounds.trusting import trusting_mse
 
-__all__ = ["PosteriorBound", "crlb", "fisher_information", "gdop", "mean_error", "pcrlb"]
+__all__ = [
+    "PosteriorBound",
+    "crlb",
+    "fisher_information",
+    "gdop",
+    "mean_error",
+    "pcrlb",
+    "trusting_mse",
+]

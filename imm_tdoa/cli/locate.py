@@ -26,6 +26,8 @@ class Method(StrEnum):
 
     GAUSS_NEWTON = "gauss-newton"
     CHAN_HO = "chan-ho"
+    TWO_STEP = "two-step"
+    JOINT = "joint"
 
 
 def locate(
@@ -34,7 +36,8 @@ def locate(
         Method,
         typer.Option(
             help="gauss-newton: least squares, takes everything. chan-ho: closed form, for scans "
-            "of time differences that no station is missing from."
+            "of time differences that no station is missing from. two-step: closed form that knows "
+            "of receiver errors (--station-sigma). joint: corrects the receivers along with it."
         ),
     ] = Method.GAUSS_NEWTON,
     robust: Annotated[
@@ -45,6 +48,24 @@ def locate(
             "rows to spare.",
         ),
     ] = True,
+    station_sigma: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            help="Standard deviation of each coordinate of the stations, m; default: they are "
+            "exactly where they say.",
+            show_default=False,
+        ),
+    ] = None,
+    sequence_filter: Annotated[
+        bool,
+        typer.Option(
+            "--sequence-filter",
+            help="Filter the sequences of time differences of adjacent stations first (Source B): "
+            "steadies an emitter that stands, lags behind one that moves. Least squares, not "
+            "robust.",
+        ),
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -66,10 +87,18 @@ def locate(
     from imm_tdoa.recording import read
 
     data = read(recording)
+    if station_sigma is not None:
+        from imm_tdoa.cli.receiver_aware import with_station_errors
+
+        data = with_station_errors(data, station_sigma)
     home = output.folder(out, recording, "-fixes")
-    robust = robust and method is Method.GAUSS_NEWTON
+    robust = robust and method is Method.GAUSS_NEWTON and not sequence_filter
+    stages: dict[str, Any] = {}
     with output.progress(None) as advance:
-        found, failed = _locate(data, method, robust, advance)
+        if sequence_filter:
+            found, failed, stages = _filtered(data, method, advance)
+        else:
+            found, failed = _locate(data, method, robust, advance)
         if not found:
             name, reason = next(iter(failed.items()))
             raise ValueError(
@@ -83,6 +112,8 @@ def locate(
         "recording": recording.resolve().name,
         "method": method.value,
         "robust": "student-t" if robust else None,
+        "station_sigma_m": station_sigma,
+        **stages,
     }
     summary = _summary(facts, data, found, failed)
     summary["files"] = sorted([*files, "summary.json"])
@@ -101,16 +132,46 @@ def _locate(
             data, data.targets, robust, lambda who: advance(f"locating {who}")
         )
     from imm_tdoa.cli.closed_form import closed_form
+    from imm_tdoa.cli.receiver_aware import receiver_aware
 
     found: dict[str, Fixes] = {}
     failed: dict[str, str] = {}
     for name in data.targets:
         advance(f"locating {name}")
         try:
-            found[name] = closed_form(data, name)
+            if method is Method.CHAN_HO:
+                found[name] = closed_form(data, name)
+            else:
+                which: Any = method.value
+                found[name] = receiver_aware(data, name, which)
         except ValueError as error:
             failed[name] = str(error)
     return found, failed
+
+
+def _filtered(
+    data: Recording, method: Method, advance: Any
+) -> tuple[dict[str, Fixes], dict[str, str], dict[str, Any]]:
+    """Fixes from filtered sequences as from `_locate`, and what the summary says of the filter."""
+    if method is not Method.GAUSS_NEWTON:
+        raise ValueError(
+            f"--sequence-filter: expected --method gauss-newton, got {method.value}: the filter "
+            f"needs a fix of every scan from whatever differences are there"
+        )
+    from imm_tdoa.cli import sequences
+
+    found: dict[str, Fixes] = {}
+    failed: dict[str, str] = {}
+    facts: dict[str, Any] = {}
+    for name in data.targets:
+        advance(f"filtering {name}")
+        try:
+            found[name], result = sequences.filtered_fixes(data, name)
+        except ValueError as error:
+            failed[name] = str(error)
+            continue
+        facts[name] = sequences.facts(data, name, result)
+    return found, failed, {"sequence_filter": {**sequences.SETTINGS, "targets": facts}}
 
 
 def _write(home: Path, data: Recording, found: Mapping[str, Fixes]) -> list[str]:
@@ -203,7 +264,8 @@ def _tell(data: Recording, summary: Mapping[str, Any], home: Path, method: Metho
     ]
     counts = ("scans", "converged", "ambiguous", "failed")
     robust = ", robust" if summary["robust"] else ""
-    output.heading(out, f"{data.title or summary['recording']}\n{method.value}{robust}\n")
+    stage = ", filtered sequences" if "sequence_filter" in summary else ""
+    output.heading(out, f"{data.title or summary['recording']}\n{method.value}{robust}{stage}\n")
     table = output.table(
         [("target", False), *((c, True) for c in counts), *((h, True) for _, h in quartiles)],
     )
@@ -221,6 +283,11 @@ def _tell(data: Recording, summary: Mapping[str, Any], home: Path, method: Metho
         out.print(f"{len(targets) - LISTED} more targets are in summary.json")
     if not quartiles:
         out.print("no truth to compare with")
+    if "sequence_filter" in summary:
+        from imm_tdoa.cli import sequences
+
+        for note in sequences.notes(summary["sequence_filter"]["targets"], LISTED):
+            out.print(output.escaped(note))
     failed = summary["not_located"]
     for name, reason in list(failed.items())[:REASONS]:
         out.print(output.escaped(f"not located: {name}: {reason}"))

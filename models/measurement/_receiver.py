@@ -65,5 +65,7 @@ def receiver_covariance(
     errors = (stations.position_covariance, stations.velocity_covariance)
     for Q, J, K in zip(errors, left, right, strict=True):
         if Q is not None:
+            # A station not heard has no direction; it must not spoil the rows of the others.
+            J, K = np.where(np.isfinite(J), J, 0.0), np.where(np.isfinite(K), K, 0.0)
             total = total + np.einsum("...isa,sab,...jsb->...ij", J, Q, K)
     return np.asarray(total)

@@ -3,6 +3,9 @@
 import typer
 
 from imm_tdoa.cli.reproduce.motion_form import motion_form
+from imm_tdoa.cli.reproduce.phase_difference import phase_difference
+from imm_tdoa.cli.reproduce.receiver_errors import receiver_errors
+from imm_tdoa.cli.reproduce.sequence_filter import sequence_filter
 
 app = typer.Typer(invoke_without_command=True)
 
@@ -20,3 +23,6 @@ def reproduce(context: typer.Context) -> None:
 
 
 app.command("motion-form")(motion_form)
+app.command("phase-difference")(phase_difference)
+app.command("receiver-errors")(receiver_errors)
+app.command("sequence-filter")(sequence_filter)

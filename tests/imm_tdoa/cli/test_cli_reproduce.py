@@ -94,7 +94,7 @@ def test_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("arguments", "part"),
     [
-        (["sequence-filter"], "No such command 'sequence-filter'"),
+        (["nothing"], "No such command 'nothing'"),
         (["motion-form", "--runs", "1"], "Invalid value for '--runs'"),
         (["motion-form", "--seed", "-1"], "Invalid value for '--seed'"),
         (["motion-form", "--tdoa-sign", "eq9"], "Invalid value for '--tdoa-sign'"),

@@ -1,4 +1,4 @@
-"""How good an estimate is, where the truth is known."""
+"""How far one estimate is from the truth, and from what it says of itself."""
 
 from __future__ import annotations
 

@@ -1,0 +1,138 @@
+"""What a Gaussian sum makes of a recording, and which of its estimates to report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+
+from imm_tdoa import _validate, mixture
+from imm_tdoa.contract import AXES, Array, Index, component_names
+from imm_tdoa.gaussian_sum.state import SumState
+from imm_tdoa.statespace import StateSpace
+
+
+@attrs.frozen(eq=False)
+class SumTrack:
+    """The Gaussian sum after every scan.
+
+    Attributes
+    ----------
+    times : (T,) or (..., T)
+        Times of the scans, s.
+    mean, covariance : (..., T, n), (..., T, n, n)
+        Moments of the sum, spread of the components included.
+    log_weight : (..., T, N)
+        Logs of the weights; -inf for a slot that is empty, merged into another or dropped.
+    means, covariances : (..., T, N, n), (..., T, N, n, n)
+        The components; an empty slot repeats the heaviest.
+    log_likelihood : (..., T)
+        Cumulative log-likelihood, in internal units.
+    nis : (..., T, N)
+        Normalised innovation squared against each component, before it was merged.
+    nis_dof : (..., T)
+        Its degrees of freedom.
+    space : StateSpace
+        What the components of a mean are.
+    """
+
+    times: Array
+    mean: Array
+    covariance: Array
+    log_weight: Array
+    means: Array
+    covariances: Array
+    log_likelihood: Array
+    nis: Array
+    nis_dof: Index
+    space: StateSpace
+
+    @classmethod
+    def from_states(cls, states: Sequence[SumState], times: Array) -> SumTrack:
+        """Stack the states of successive scans at `times` (T,) or (..., T)."""
+        batch = states[-1].log_likelihood.shape
+
+        def stacked(arrays: Sequence[Any], trailing: int) -> Any:
+            shapes = [batch + a.shape[a.ndim - trailing :] for a in arrays]
+            full = [np.broadcast_to(a, s) for a, s in zip(arrays, shapes, strict=True)]
+            return np.stack(full, axis=len(batch))
+
+        log_weight = stacked([s.log_weight for s in states], 1)
+        means = stacked([s.means for s in states], 2)
+        covariances = stacked([s.covariances for s in states], 3)
+        mean, covariance = mixture.moments(np.exp(log_weight), means, covariances)
+        return cls(
+            times=times,
+            mean=mean,
+            covariance=covariance,
+            log_weight=log_weight,
+            means=means,
+            covariances=covariances,
+            log_likelihood=stacked([s.log_likelihood for s in states], 0),
+            nis=stacked([s.nis for s in states], 1),
+            nis_dof=stacked([s.nis_dof for s in states], 0),
+            space=states[-1].space,
+        )
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the components of `mean`."""
+        return self.space.components
+
+    @property
+    def weight(self) -> Array:
+        """Weights (..., T, N)."""
+        return np.asarray(np.exp(self.log_weight))
+
+    @property
+    def position(self) -> Array:
+        """Positions (..., T, d), m."""
+        return self.mean[..., self._indices(AXES[: self.space.dims])]
+
+    @property
+    def position_covariance(self) -> Array:
+        """Covariances of the position (..., T, d, d), m²."""
+        i = self._indices(AXES[: self.space.dims])
+        return self.covariance[..., i[:, None], i]
+
+    @property
+    def velocity(self) -> Array:
+        """Velocities (..., T, d), m/s; zero where the motion has none."""
+        names = component_names(self.space.dims, 1)[self.space.dims :]
+        if names[0] not in self.components:
+            return np.zeros_like(self.position)
+        return self.mean[..., self._indices(names)]
+
+    def _indices(self, names: Sequence[str]) -> Index:
+        return np.array([self.components.index(name) for name in names], dtype=np.int64)
+
+
+def settled(position: Any, origin: Any) -> Index:
+    """Return the scan (...) whose estimate Source C reports: where the range has settled.
+
+    The range of successive estimates from `origin` changes least there (ALGORITHMS §7.1-7). The
+    rule looks back over the whole run, and a change can be small by chance: compare filters by
+    their error over time, not by the error at this scan.
+
+    Parameters
+    ----------
+    position : (..., T, d)
+        Estimates, m, T at least 2.
+    origin : (d,) or (T, d)
+        Where ranges count from, m: one place, or the observer at each scan.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, or fewer than two estimates.
+    """
+    p = _validate.array("position", position, (None, "T", "d"))
+    T, d = p.shape[-2:]
+    if T < 2:
+        raise ValueError(f"position: expected two or more estimates, got {T}")
+    shape = (T, d) if np.ndim(origin) == 2 else (d,)
+    o = _validate.array("origin", origin, shape)
+    r = np.linalg.norm(p - o, axis=-1)
+    return np.asarray(np.argmin(np.abs(np.diff(r, axis=-1)), axis=-1) + 1, dtype=np.int64)

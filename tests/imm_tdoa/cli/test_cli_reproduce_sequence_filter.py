@@ -1,0 +1,114 @@
+"""``imm-tdoa reproduce sequence-filter``."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from cli_cases import run, words
+
+from imm_tdoa.reproduce.sequence_filter import CASES, geometries, moving, scenario
+
+PNG = b"\x89PNG\r\n\x1a\n"
+FILES = {
+    "band.png",
+    "cases.csv",
+    "geometries.csv",
+    "jump.csv",
+    "kappa.png",
+    "moving.csv",
+    "spot.png",
+    "summary.json",
+}
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer epochs and geometries than the command takes."""
+    monkeypatch.setattr(scenario, "EPOCHS", 20)
+    monkeypatch.setattr(scenario, "LAST", 8)
+    monkeypatch.setattr(moving, "EPOCHS", 20)
+    monkeypatch.setattr(moving, "JUMP_EPOCH", 6)
+    monkeypatch.setattr(moving, "JUMP_EPOCHS", 28)
+    monkeypatch.setattr(geometries, "COUNT", 2)
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.usefixtures("short")
+def test_sequence_filter(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    switches = ["--rule", "proj", "--test", "innovation", "--reset-on-gate"]
+    arguments = ["--runs", "3", "--seed", "2", *switches, "--out", str(out)]
+    code, text = run("reproduce", "sequence-filter", *arguments)
+    assert code == 0
+    assert {f.name for f in out.iterdir()} == FILES
+    for name in FILES:
+        if name.endswith(".png"):
+            content = (out / name).read_bytes()
+            assert content.startswith(PNG)
+            assert len(content) > 20_000
+    said = words(text)
+    assert "The source gives no figures, only the claims" in said
+    assert "the spot of a target that stands shrinks to a point" in said
+    assert "A small spot is not a small error" in said
+    assert "paid with a lag of" in said
+    summary = json.loads((out / "summary.json").read_text("utf-8"))
+    assert (summary["runs"], summary["seed"]) == (3, 2)
+    assert summary["switches"] == {"rule": "proj", "test": "innovation", "reset_on_gate": True}
+    assert set(summary["files"]) == FILES
+    rows = table(out / "cases.csv")
+    assert [row["case"] for row in rows] == [case.name for case in CASES for _ in range(2)]
+    for row, found in zip(rows, summary["cases"], strict=True):
+        assert float(row["radius_ratio"]) == found["radius_ratio"]
+        assert float(row["error_m"]) == found["error_m"]
+        assert (row["reference_radius_ratio"] == "") == (row["weights"] == "full")
+    for figure in ("26.5", "13.4", "53.6", "46.1", "22.8", "49.6", "58.6"):
+        assert f"({figure})" in said
+    assert len(table(out / "moving.csv")) == 6
+    assert len(table(out / "jump.csv")) == len(moving.JUMPS)
+    assert len(table(out / "geometries.csv")) == summary["kappa"]["geometries"] == 2
+    assert f"{summary['kappa']['predicted_right']} of 2" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (["--runs", "1"], "Invalid value for '--runs'"),
+        (["--runs", "many"], "Invalid value for '--runs'"),
+        (["--seed", "-1"], "Invalid value for '--seed'"),
+        (["--rule", "worst"], "Invalid value for '--rule'"),
+        (["--test", "prior"], "Invalid value for '--test'"),
+        (["--gate", "3"], "No such option: --gate"),
+        (["else"], "unexpected extra argument"),
+    ],
+)
+def test_bad_options_are_one_line(arguments: list[str], part: str) -> None:
+    code, text = run("reproduce", "sequence-filter", *arguments)
+    assert code == 2
+    assert text.startswith("imm-tdoa: error: ")
+    assert part in text
+    assert text.count("\n") == 1
+
+
+def test_a_file_in_the_way(tmp_path: Path) -> None:
+    place = tmp_path / "out"
+    place.write_text("mine", "utf-8")
+    code, text = run("reproduce", "sequence-filter", "--out", place)
+    assert (code, text) == (
+        2,
+        f"imm-tdoa: error: --out: expected a folder, {str(place)!r} is a file\n",
+    )
+    assert place.read_text("utf-8") == "mine"
+
+
+def test_help_teaches() -> None:
+    code, text = run("reproduce", "sequence-filter", "--help")
+    assert code == 0
+    assert "imm-tdoa reproduce sequence-filter --rule bound" in words(text)
+    assert "sequence-filter" in run("reproduce")[1]
