@@ -27,12 +27,14 @@ if TYPE_CHECKING:
         selection,
         simulate,
         testing,
+        tracking,
     )
+    from imm_tdoa.constant_receivers import ConstantReceivers
     from imm_tdoa.gaussian_sum import GaussianSum
     from imm_tdoa.recording import Recording
     from imm_tdoa.sequence_filter import SequenceFilter
 
-_LAZY = (
+_MODULES = (
     "bankfile",
     "bounds",
     "gaussian_sum",
@@ -46,12 +48,20 @@ _LAZY = (
     "sequence_filter",
     "simulate",
     "testing",
+    "tracking",
 )
+_CLASSES = {
+    "ConstantReceivers": "constant_receivers",
+    "GaussianSum": "gaussian_sum",
+    "Recording": "recording",
+    "SequenceFilter": "sequence_filter",
+}
 
 __version__ = "0.1.0"
 __all__ = [
     "IMM",
     "Bank",
+    "ConstantReceivers",
     "GaussianSum",
     "Recording",
     "SequenceFilter",
@@ -67,16 +77,14 @@ __all__ = [
     "selection",
     "simulate",
     "testing",
+    "tracking",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    if name in _LAZY:
+    """Import what is asked for, and not before."""
+    if name in _MODULES:
         return import_module(f"imm_tdoa.{name}")
-    if name == "GaussianSum":
-        return import_module("imm_tdoa.gaussian_sum").GaussianSum
-    if name == "Recording":
-        return import_module("imm_tdoa.recording").Recording
-    if name == "SequenceFilter":
-        return import_module("imm_tdoa.sequence_filter").SequenceFilter
+    if name in _CLASSES:
+        return getattr(import_module(f"imm_tdoa.{_CLASSES[name]}"), name)
     raise AttributeError(f"module 'imm_tdoa' has no attribute {name!r}")

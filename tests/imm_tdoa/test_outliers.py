@@ -23,7 +23,7 @@ C = 299_792_458.0
 ROBUST = ("gate", "student-t")
 STAR = Stations([[0.0, 0.0], [100e3, 0.0], [-50e3, 86602.54], [-50e3, -86602.54]])
 SIGMA = 100e-9
-MOTIONS = {"static": (0.0, 0.0), "cv": (1e3, 0.0), "ca": (1e3, 100.0), "slow-ca": (300.0, 30.0)}
+MOTIONS = {"static": (0.0, 0.0), "cv": (1e3, 0.0), "ca": (1e3, 100.0)}
 VALLEY = Stations(
     [
         [0.0, 0.0, 0.0],
@@ -59,7 +59,7 @@ def rms(track, place):
 
 
 @pytest.mark.parametrize("robust", ROBUST)
-@pytest.mark.parametrize("motion", ["static", "cv", "ca"])
+@pytest.mark.parametrize("motion", MOTIONS)
 def test_a_tenth_of_the_rows_gross_on_source_a(motion, robust):
     """Rows replaced by errors of 100 sigma: at most 1.3 times the clean run's RMSE.
 
@@ -103,12 +103,11 @@ def test_a_tenth_of_the_rows_gross_in_a_stream_of_single_pairs(robust):
 
 
 @pytest.mark.parametrize("robust", ROBUST)
-@pytest.mark.parametrize("motion", ["static", "cv", "slow-ca"])
+@pytest.mark.parametrize("motion", MOTIONS)
 def test_thirty_scans_of_nothing_but_outliers(motion, robust):
     """Ten scans after the storm a track is right, or as uncertain as it is wrong, or lost.
 
-    At most 5 of 100 runs may fail; measured 0 to 2. The emitter's velocity stays within what the
-    birth law allows; at 0.1 km/s² it would not, and 52 (gate) and 10 (student-t) fail.
+    At most 5 of 100 runs may fail; measured none.
     """
     bank, tdoa, t, place, z, rng = source_a(motion, 100, 80, 3)
     gross = z.copy()
