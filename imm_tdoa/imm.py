@@ -154,7 +154,7 @@ class IMM:
             )
         P = _validate.covariance("covariance", covariance, n)
         time = _validate.array("time", time)
-        batch = _batch(mean=mean.shape[:-1], covariance=P.shape[:-2], time=time.shape)
+        batch = _validate.fitting(mean=mean.shape[:-1], covariance=P.shape[:-2], time=time.shape)
         mean = np.broadcast_to(mean, (*batch, n))
         P = np.broadcast_to(P, (*batch, n, n))
         parts = [
@@ -215,8 +215,8 @@ class IMM:
             )
         z = _validate.array("values", values, (None, measurement.size), finite=False)
         time = _validate.array("time", time)
-        _batch(state=state.log_likelihood.shape, time=time.shape, values=z.shape[:-1])
-        _refuse_backwards("time", "state", state.time, time)
+        _validate.fitting(state=state.log_likelihood.shape, time=time.shape, values=z.shape[:-1])
+        _validate.refuse_backwards("time", "state", state.time, time)
         dt = time - state.time
         return self._cycle(state, time, dt, self._cycle.bank.chain(dt), z, measurement)
 
@@ -270,8 +270,8 @@ class IMM:
             state, first = initiation.start_from_scans(self, scans)
         else:
             self._refuse_foreign("start", start)
-            _batch(start=start.log_likelihood.shape, times_and_values=scans.batch)
-            _refuse_backwards("times", "start", start.time, scans.times[..., 0])
+            _validate.fitting(start=start.log_likelihood.shape, times_and_values=scans.batch)
+            _validate.refuse_backwards("times", "start", start.time, scans.times[..., 0])
             state, first = start, np.full(start.log_likelihood.shape, -1)
         return self._run(scans, state, first)
 
@@ -312,22 +312,3 @@ class IMM:
         )
         absent = np.arange(max(begin, 0), scans.count) < first[..., None]
         return track.blanked(absent) if np.any(absent) else track
-
-
-def _batch(**shapes: tuple[int, ...]) -> tuple[int, ...]:
-    """Return what the batch axes of the named arguments broadcast to, or raise."""
-    try:
-        return np.broadcast_shapes(*shapes.values())
-    except ValueError:
-        text = ", ".join(f"{name.replace('_', ' ')} {shape}" for name, shape in shapes.items())
-        raise ValueError(f"batch axes do not fit together: {text}") from None
-
-
-def _refuse_backwards(name: str, of: str, before: Array, after: Array) -> None:
-    before, after = np.broadcast_arrays(before, after)
-    back = after < before
-    if np.any(back):
-        raise ValueError(
-            f"{name}: expected a time at or after the {of}'s, {before[back][0]:g} s, "
-            f"got {after[back][0]:g} s"
-        )

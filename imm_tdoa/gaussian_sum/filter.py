@@ -9,9 +9,9 @@ import attrs
 import numpy as np
 
 from imm_tdoa import _validate, mixture
+from imm_tdoa._validate import fitting, refuse_backwards
 from imm_tdoa.contract import AXES, Array, MeasurementModel, MotionModel
 from imm_tdoa.cycle import UPDATES, UpdateRule
-from imm_tdoa.gaussian_sum._checks import fitting, refuse_backwards
 from imm_tdoa.gaussian_sum.state import SumState, padded
 from imm_tdoa.gaussian_sum.track import SumTrack
 from imm_tdoa.mixture import Distance, Mixture
