@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from imm_tdoa.contract import Array
 from imm_tdoa.plot import canvas
 from imm_tdoa.plot.canvas import Clock, Unit
 from imm_tdoa.plot.truth import Truth
+from imm_tdoa.recording import Recording
 from imm_tdoa.track import Track
 
 
@@ -25,6 +27,28 @@ def apart(places: Array, distance: float) -> list[int]:
         if np.min(np.linalg.norm(places[[*kept, -1]] - places[i], axis=-1)) >= distance:
             kept.append(i)
     return kept
+
+
+def true_targets(recording: Recording) -> tuple[str, ...]:
+    """Names of the targets of which a recording knows the truth, whoever its rows are of."""
+    if recording.truth is None:
+        return ()
+    known = dict.fromkeys(recording.truth["target"].tolist())
+    if not recording.labelled:
+        return tuple(known)
+    return tuple(name for name in recording.targets if name in known) or tuple(known)
+
+
+def lives(truths: Mapping[str, Truth]) -> dict[str, str]:
+    """Return a word for each truth: its target, and its times where they are not all alike."""
+    spans = np.array([(t.times[0], t.times[-1]) for t in truths.values()]).reshape(-1, 2)
+    words = [f"truth of {name}" for name in truths]
+    if len(spans) and np.max(np.ptp(spans, axis=0)) > 0.02 * np.ptp(spans):
+        words = [
+            f"{w}\n{round(a, 1):g} to {round(b, 1):g} s"
+            for w, (a, b) in zip(words, spans, strict=True)
+        ]
+    return dict(zip(truths, words, strict=True))
 
 
 def ends(ax: Axes, unit: Unit, clock: Clock, track: Track) -> list[Line2D]:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from imm_tdoa.contract import Array
+from imm_tdoa.contract import Array, Mask
 from imm_tdoa.plot import canvas, marks
 from imm_tdoa.plot.canvas import Unit
 from imm_tdoa.plot.maps import Box, name_points, settle
@@ -21,7 +21,8 @@ from imm_tdoa.recording import Recording
 from imm_tdoa.stations import Stations
 from imm_tdoa.track import Track
 
-LABELLED = 12  # targets; more would not be legible
+LABELLED = 12  # targets in a legend; more would not be legible
+NAMED = 60  # targets named in a scene, as far as there is room
 
 
 def many(
@@ -78,29 +79,27 @@ def scene(
     path : str or Path, optional
         File to write; its ending says which format.
     """
-    truths = {}
-    for name in recording.targets if recording.truth is not None else ():
-        truth = Truth.of(recording, name)
-        if truth is not None:
-            truths[name] = truth
+    found = {name: Truth.of(recording, name) for name in marks.true_targets(recording)}
+    truths = {name: truth for name, truth in found.items() if truth is not None}
     tables = recording.measured.values()
     times = np.unique(np.concatenate([np.asarray(t["time_s"], dtype=float) for t in tables]))
     lines = {name: truth.position[:, :2] for name, truth in truths.items()}
     points = np.concatenate(list(lines.values())) if lines else _all_stations(recording, times)
     sheet = _Sheet(points, recording.stations, times, recording.title if title is None else title)
     handles: list[Any] = []
+    words = marks.lives(truths)
     for i, (name, line) in enumerate(lines.items()):
         many = len(lines) > len(canvas.MODES)
         handles += sheet.ax.plot(
             *sheet.unit(line.T),
             color=canvas.TRACK if many else canvas.MODES[i],
             linewidth=1.5 if many else 2.5,
-            label=f"truth of {name}",
+            label=words[name],
         )
     if len(handles) > LABELLED:
         handles = [Line2D([], [], color=canvas.TRACK, label=f"truth of {len(lines)} targets")]
     handles += sheet.mark_ends(list(lines.values()))
-    return canvas.finish(sheet.finished(handles, lines, ""), path)
+    return canvas.finish(sheet.finished(handles, lines, "", NAMED), path)
 
 
 def _all_stations(recording: Recording, times: Array) -> Array:
@@ -142,20 +141,30 @@ class _Sheet:
             )
         return handles if lines else []
 
-    def finished(self, handles: list[Any], lines: Mapping[str, Array], note: str) -> Figure:
-        """Add stations, legend and names."""
+    def finished(
+        self, handles: list[Any], lines: Mapping[str, Array], note: str, named: int = LABELLED
+    ) -> Figure:
+        """Add stations, legend and names, those of lines where there are at most so many."""
         stations = self.receivers.draw(self.ax, self.unit)
-        handles += stations if np.any(self.shown.holds(self.receivers.places)) else []
-        if self.far.names:
-            note += f"\n{self.far.far_away(self.box)}"
-        canvas.legend(self.side, handles, note.strip())
+        self.side.axis("off")
         settle(self.figure, [(self.ax, self.shown, self.unit)])
+        inside = self._in_view(self.receivers)
+        handles += stations if np.any(inside) else []
+        far = self.far.part(~self._in_view(self.far))
+        if far.names:
+            note += f"\n{far.far_away(self.box)}"
+        canvas.legend(self.side, handles, note.strip())
         clear = self.unit(self.points[:: max(len(self.points) // 300, 1)])
         names, places = self.receivers.names, self.unit(self.receivers.places)
         taken = name_points(
             self.figure, self.ax, places, names, colour=canvas.STATION, keep_clear=clear
         )
-        if 1 < len(lines) <= LABELLED:
+        if 1 < len(lines) <= named:
             ends = self.unit(np.array([line[-1] for line in lines.values()]))
             name_points(self.figure, self.ax, ends, list(lines), keep_clear=clear, taken=taken)
         return self.figure
+
+    def _in_view(self, receivers: Receivers) -> Mask:
+        """Return which stations (S,) the map shows, now that it has grown to fill its axes."""
+        view = np.array([self.ax.get_xlim(), self.ax.get_ylim()]).T
+        return np.asarray(Box(*view).holds(self.unit(receivers.places)), dtype=bool)

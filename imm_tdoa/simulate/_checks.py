@@ -94,9 +94,43 @@ def probability(_: Any, field: attrs.Attribute[Any], value: Any) -> None:
 def probabilities(_: Any, field: attrs.Attribute[Any], value: Any) -> None:
     """Accept a mapping from names to numbers from 0 to 1."""
     if not isinstance(value, Mapping):
-        raise ValueError(f"{field.name}: expected probabilities by station, got {value!r}")
+        raise ValueError(f"{field.name}: expected probabilities by {field.name}, got {value!r}")
     for name, p in value.items():
         _probability(f"{field.name}.{name}", p)
+
+
+def rates(_: Any, field: attrs.Attribute[Any], value: Any) -> None:
+    """Accept a mapping from names to numbers of at least 0."""
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{field.name}: expected rates by station, got {value!r}")
+    for name, rate in value.items():
+        _number(f"{field.name}.{name}", rate)
+        if rate < 0.0:
+            raise ValueError(f"{field.name}.{name}: expected a number of at least 0, got {rate:g}")
+
+
+def is_interval(_: Any, field: attrs.Attribute[Any], value: Any) -> None:
+    """Accept ``[low, high]`` with low < high, or None where that is the default."""
+    if value is None and field.default is None:
+        return
+    _two(field.name, value)
+    if not value[0] < value[1]:
+        raise ValueError(f"{field.name}: expected [low, high] with low < high, got {list(value)}")
+
+
+def is_range(of_low: Any = None) -> Any:
+    """Accept ``[low, high]`` with low <= high; `of_low` checks low alone."""
+
+    def check(owner: Any, field: attrs.Attribute[Any], value: Any) -> None:
+        _two(field.name, value)
+        if not value[0] <= value[1]:
+            raise ValueError(
+                f"{field.name}: expected [low, high] with low at most high, got {list(value)}"
+            )
+        if of_low is not None:
+            of_low(owner, field.evolve(name=f"{field.name}[0]"), value[0])
+
+    return check
 
 
 def name(_: Any, field: attrs.Attribute[Any], value: Any) -> None:
@@ -128,6 +162,12 @@ def _is_number(value: Any) -> bool:
 def _number(name: str, value: Any) -> None:
     if not _is_number(value):
         raise ValueError(f"{name}: expected a finite number, got {value!r}")
+
+
+def _two(name: str, value: Any) -> None:
+    if not isinstance(value, tuple) or len(value) != 2 or not all(_is_number(v) for v in value):
+        got = list(value) if isinstance(value, tuple) else value
+        raise ValueError(f"{name}: expected two finite numbers [low, high], got {got!r}")
 
 
 def _probability(name: str, value: Any) -> None:

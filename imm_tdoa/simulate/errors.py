@@ -70,11 +70,20 @@ def heard(
     mask = np.broadcast_to(~lost[:, None], (n, len(stations))).copy()
     for i, station in enumerate(stations):
         p = dropouts.station.get(station, 0.0)
-        mask[:, i] &= streams.of("dropouts", "station", who, station).random(n) >= p
+        if p > 0.0:
+            mask[:, i] &= streams.of("dropouts", "station", who, station).random(n) >= p
+        mask[:, i] &= ~silent(dropouts, station, times)
+    return mask
+
+
+def silent(dropouts: Dropouts, station: str, times: Array) -> Mask:
+    """Return at which of `times` (T,) a station hears nothing."""
+    mask = np.zeros(len(times), dtype=bool)
     for silence in dropouts.silences:
-        begin = -np.inf if silence.from_s is None else silence.from_s
-        end = np.inf if silence.to_s is None else silence.to_s
-        mask[(times >= begin) & (times <= end), stations.index(silence.station)] = False
+        if silence.station == station:
+            begin = -np.inf if silence.from_s is None else silence.from_s
+            end = np.inf if silence.to_s is None else silence.to_s
+            mask |= (times >= begin) & (times <= end)
     return mask
 
 

@@ -113,14 +113,22 @@ class Sampling:
     start_s : float
         Time of the first scan, s.
     jitter_s : float
-        Each scan comes up to this much later, at random (uniform), s; at most `interval_s`.
+        Each scan comes up to this much later, at random (uniform), s; at most `interval_s`. Each
+        target has its own scans, but where differences are not labelled: there all are heard in
+        the same ones, or their times would tell them apart.
     rows : str
         ``"toa"``: arrival times of an emission whose own time is unknown. ``"tdoa-reference"``:
         differences against the first station. ``"tdoa-adjacent"``: station i against station
-        i + 1. ``"tdoa-one-pair"``: one pair a scan, drawn at random.
+        i + 1. ``"tdoa-one-pair"``: one pair a scan, drawn at random for each target, or for all of
+        them where rows are not labelled.
     range_rate : bool
         Whether range rates are measured too: one per arrival time, with an unknown common
         offset, or their differences beside time differences.
+    resolution_s : float, optional
+        Two emitters' rows of one station (pair) in one scan that are less than this apart, s,
+        are one row, the mean of both; of a chain of such rows too. Arrival times are compared
+        as they come in, and what is left is a row of the first emission. False alarms are not
+        merged. Where rows are not labelled only.
     """
 
     interval_s: float = attrs.field(validator=_checks.above_zero)
@@ -128,6 +136,7 @@ class Sampling:
     jitter_s: float = attrs.field(default=0.0, validator=_checks.at_least_zero)
     rows: str = attrs.field(default="tdoa-reference", validator=_checks.one_of(*ROWS))
     range_rate: bool = attrs.field(default=False, validator=_checks.is_a(bool))
+    resolution_s: float | None = attrs.field(default=None, validator=_checks.above_zero)
 
     def __attrs_post_init__(self) -> None:
         if self.jitter_s > self.interval_s:

@@ -92,18 +92,27 @@ class Target:
     name : str
         What tables call it.
     position_m : (d,)
-        Position at its start, m.
+        Position at its start, m; or give
+    passes_m, at_s : (d,), float
+        the position, m, that it passes at a time, s, between its start and its end; white
+        acceleration comes on top.
     velocity_mps : (d,), optional
         Velocity at its start, m/s; without it zero.
     start_s : float
-        When its first leg starts, s.
+        When its first leg starts, s: it is born then, and gone when its last leg ends.
     legs : sequence of Leg
         At least one. Position and velocity go on from leg to leg, unless a leg gives its own
         `velocity_mps` or is ``"static"``.
     """
 
     name: str = attrs.field(validator=_checks.name)
-    position_m: Vector = attrs.field(converter=_checks.vector, validator=_checks.is_vector)
+    position_m: Vector | None = attrs.field(
+        default=None, converter=_checks.vector, validator=_checks.is_vector
+    )
+    passes_m: Vector | None = attrs.field(
+        default=None, converter=_checks.vector, validator=_checks.is_vector
+    )
+    at_s: float | None = attrs.field(default=None, validator=_checks.finite)
     velocity_mps: Vector | None = attrs.field(
         default=None, converter=_checks.vector, validator=_checks.is_vector
     )
@@ -113,12 +122,42 @@ class Target:
     def __attrs_post_init__(self) -> None:
         if not self.legs:
             raise ValueError("legs: expected at least one leg, got none")
-        check_lengths(self, len(self.position_m))
+        if (self.position_m is None) == (self.passes_m is None):
+            raise ValueError("position_m: expected exactly one of position_m and passes_m")
+        if (self.passes_m is None) != (self.at_s is None):
+            raise ValueError("at_s: expected passes_m and at_s, or neither")
+        if self.at_s is not None and not self.start_s <= self.at_s <= self.end_s:
+            raise ValueError(
+                f"at_s: expected a time from {self.start_s:g} s to {self.end_s:g} s, when the "
+                f"target exists, got {self.at_s:g}"
+            )
+        check_lengths(self, self.dims)
 
     @property
     def dims(self) -> int:
         """Number of space dimensions d."""
-        return len(self.position_m)
+        return len(self._given_m)
+
+    @property
+    def begins_m(self) -> Vector:
+        """Position (d,) at its start, m."""
+        if self.at_s is None:
+            return self._given_m
+        from_zero = attrs.evolve(
+            self,
+            position_m=(0.0,) * self.dims,
+            passes_m=None,
+            at_s=None,
+            legs=[attrs.evolve(leg, acceleration_psd=0.0) for leg in self.legs],
+        )
+        gone = trajectory(from_zero, self.at_s).position
+        return tuple((np.array(self._given_m) - gone).tolist())
+
+    @property
+    def _given_m(self) -> Vector:
+        given = self.position_m if self.passes_m is None else self.passes_m
+        assert given is not None
+        return given
 
     @property
     def end_s(self) -> float:
@@ -138,11 +177,12 @@ def check_lengths(owner: Any, d: int) -> None:
     """Refuse vectors of `owner` and of its legs that do not have d components."""
     parts = [("", owner), *((f"legs[{i}].", leg) for i, leg in enumerate(owner.legs))]
     for place, part in parts:
-        for key in ("position_m", "velocity_mps", "acceleration_mps2", "end_velocity_mps"):
+        for key in ("velocity_mps", "acceleration_mps2", "end_velocity_mps"):
             value = getattr(part, key, None)
             if value is not None and len(value) != d:
                 raise ValueError(
-                    f"{place}{key}: expected as many numbers as in position_m, {d}, "
+                    f"{place}{key}: expected as many numbers as in "
+                    f"{'position_m' if owner.position_m is not None else 'passes_m'}, {d}, "
                     f"got {len(value)}"
                 )
         if d < 2 and getattr(part, "motion", None) == "turn":
@@ -183,7 +223,7 @@ def trajectory(target: Target, times: Any, rng: np.random.Generator | None = Non
             f"times: the target {target.name!r} exists from {target.start_s:g} s to "
             f"{target.end_s:g} s, got {bad:g} s"
         )
-    p = np.array(target.position_m)
+    p = np.array(target.begins_m)
     v = np.zeros_like(p) if target.velocity_mps is None else np.array(target.velocity_mps)
     wander = np.zeros((2, target.dims))  # position and velocity off the undisturbed way
     begin, parts = target.start_s, []

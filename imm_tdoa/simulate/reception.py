@@ -35,8 +35,8 @@ class Reception(NamedTuple):
         Its name.
     number : (T,)
         Numbers of its scans in the schedule.
-    times : (T,)
-        Their times, s.
+    times, late : (T,)
+        Their times, s, and how much after the schedule's they come, s.
     truth : Trajectory
         Where it was, (T, d).
     arrival, rate : (T, S)
@@ -49,6 +49,7 @@ class Reception(NamedTuple):
     name: str
     number: Index
     times: Array
+    late: Array
     truth: Trajectory
     arrival: Array
     rate: Array
@@ -84,21 +85,28 @@ def receive(scenario: Scenario, target: Target, plan: Schedule, streams: Streams
     if noise.range_rate_sigma_mps is not None:
         rate += noise.range_rate_sigma_mps * streams.columns(("rate", who), names, len(times))
     size_s, size_mps = outlier_sizes(scenario)
-    late = scenario.outliers.late
-    for i, name in enumerate(names):
-        p = scenario.outliers.station.get(name, 0.0)
-        arrival[:, i] += gross(streams.of("outlier", who, name), len(times), p, size_s, late)
+    one_sided = scenario.outliers.late
+    for name, p in scenario.outliers.station.items():
+        i = names.index(name)
+        arrival[:, i] += gross(streams.of("outlier", who, name), len(times), p, size_s, one_sided)
         rate[:, i] += gross(streams.of("rate outlier", who, name), len(times), p, size_mps, False)
     received = heard(scenario.dropouts, streams, who, names, times)
-    return Reception(who, number, times, truth, arrival, rate, received)
+    late = times - plan.times[number]
+    return Reception(who, number, times, late, truth, arrival, rate, received)
+
+
+def scan_times(scenario: Scenario, plan: Schedule, streams: Streams, who: str) -> Array:
+    """Return the times (K,) of all scans for a target, s; for any where they are common."""
+    stream = streams.of("jitter") if scenario.common_scans else streams.of("jitter", who)
+    late = scenario.sampling.jitter_s * stream.random(len(plan.times))
+    return np.round(plan.times + late, TIME_DIGITS)
 
 
 def _own_times(
     scenario: Scenario, target: Target, plan: Schedule, streams: Streams
 ) -> tuple[Index, Array]:
     """Return the numbers and times (T,) of the scans that a target's own time holds."""
-    late = scenario.sampling.jitter_s * streams.of("jitter", target.name).random(len(plan.times))
-    times = np.round(plan.times + late, TIME_DIGITS)
+    times = scan_times(scenario, plan, streams, target.name)
     slack = 10.0**-TIME_DIGITS
     number = np.flatnonzero((times >= target.start_s - slack) & (times <= target.end_s + slack))
     return number, times[number]

@@ -8,7 +8,7 @@ import pytest
 from cli_cases import run, words
 
 from imm_tdoa.recording import read
-from imm_tdoa.simulate import scenarios
+from imm_tdoa.simulate import load, scenarios, simulate_labelled
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -27,6 +27,29 @@ def test_same_seed_same_recording(tmp_path: Path) -> None:
     recording = read(folders[0])
     assert recording.truth is not None
     assert len(recording.targets) == 3
+
+
+def test_what_hides_whose_the_rows_are_is_counted(tmp_path: Path) -> None:
+    code, text = run("simulate", "crossing", "--out", tmp_path / "rec", "--seed", "3")
+    assert code == 0
+    made = simulate_labelled(load("crossing"), seed=3)
+    false = made.origins["tdoa"].count(())
+    assert false > 100
+    for line in (
+        "targets 2",
+        f"rows of tdoa {len(made.origins['tdoa'])}",
+        f"of them false alarms {false}",
+        "of them of several targets 0",
+    ):
+        assert line in words(text)
+    assert (tmp_path / "rec" / "differences.png").stat().st_size > 10_000
+    assert not read(tmp_path / "rec").labelled
+
+
+def test_help_names_every_shipped_scenario() -> None:
+    code, text = run("simulate", "--help")
+    assert code == 0
+    assert all(name in words(text).replace("- ", "-") for name in scenarios())
 
 
 def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:

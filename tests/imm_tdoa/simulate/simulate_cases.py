@@ -16,6 +16,15 @@ C = 299792458.0
 PLACES = {"a": (0.0, 0.0), "b": (9e3, 1e3), "c": (2e3, 8e3), "d": (-7e3, -4e3)}
 SIGMA = 100e-9
 
+# shipped scenarios: targets, stations, and whether it is known which rows are whose
+SEVERAL = {
+    "busy-sky": (50, 8, False),
+    "crossing": (2, 6, False),
+    "many-aircraft": (200, 20, True),
+    "parallel": (2, 6, False),
+    "three-emitters": (3, 4, False),
+}
+
 
 def standing(name: str = "x", place: tuple[float, ...] = (3e3, 2.5e3), scans: int = 2000) -> Target:
     """A target that stands for a number of scans, one a second."""
