@@ -40,6 +40,13 @@ class EastNorthUp:
                 raise ValueError(f"{name}: expected a number within ±{bound:g}, got {value!r}")
             object.__setattr__(self, name, number)
 
+    def axes_and_origin(self) -> Array:
+        """Return (12,): east, north and up in Earth-fixed axes, and the origin, m."""
+        phi, lam = np.radians(self.lat_deg), np.radians(self.lon_deg)
+        s, c, sl, cl = np.sin(phi), np.cos(phi), np.sin(lam), np.cos(lam)
+        origin = pymap3d.geodetic2ecef(self.lat_deg, self.lon_deg, self.height_m)
+        return np.array([-sl, cl, 0.0, -s * cl, -s * sl, c, c * cl, c * sl, s, *origin])
+
     def to_geodetic(self, position: Array) -> tuple[Array, Array, Array]:
         """Return latitude, longitude (degrees) and ellipsoidal height (m) of (..., 3) points."""
         p = _validate.array("position", position, (None, 3), finite=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import attrs
 import numpy as np
@@ -12,12 +12,18 @@ from imm_tdoa import _validate, initiation
 from imm_tdoa.bank import Bank
 from imm_tdoa.contract import AXES, Array, Index, MeasurementModel
 from imm_tdoa.cycle import ROBUST, UPDATES, Cycle, RobustRule, UpdateRule
+from imm_tdoa.engine import Engine, choose, ready_to_step
+from imm_tdoa.keeping import kept_rows
+from imm_tdoa.kernel.plan import Plan, why_not
 from imm_tdoa.mixing import MERGING, Merging
 from imm_tdoa.reopening import Trust
 from imm_tdoa.scans import Scans
 from imm_tdoa.state import State, Taken
 from imm_tdoa.statespace import StateSpace, apply_lift, lift
 from imm_tdoa.track import Track
+
+if TYPE_CHECKING:
+    from imm_tdoa.kernel.stepping import Stepper
 
 
 @attrs.frozen(eq=False)
@@ -69,6 +75,7 @@ class IMM:
     degrees_of_freedom: float = attrs.field(default=4.0, kw_only=True)
     reopen_after: int = attrs.field(default=5, kw_only=True)
     _cycle: Cycle = attrs.field(init=False, repr=False)
+    _compiled: dict[str, Any] = attrs.field(init=False, factory=dict, repr=False)
 
     def __attrs_post_init__(self) -> None:
         if not isinstance(self.bank, Bank):
@@ -183,6 +190,7 @@ class IMM:
         values: Any,
         pairs: Any = None,
         measurement: MeasurementModel | None = None,
+        engine: Engine = "auto",
     ) -> State:
         """Return the state after a scan: mix, predict, update, weigh (§9.1).
 
@@ -198,13 +206,22 @@ class IMM:
             Station pairs of this scan's rows, for a measurement of pairs.
         measurement : MeasurementModel, optional
             What was measured this time, where it is not what the IMM was made with.
+        engine : "auto", "numpy" or "compiled"
+            What computes. ``"auto"`` takes the compiled engine only where it is ready: a stream
+            never waits for it (`compile` makes it ready).
 
         Raises
         ------
         ValueError
             A time before the state's, infinite values, a wrong number of rows.
         """
+        if engine != "numpy" and pairs is None and measurement is None:
+            quick = self._stepper(engine)
+            done = None if quick is None else quick.take(state, time, values)
+            if done is not None:
+                return done
         self._refuse_foreign("state", state)
+        own = measurement is None
         measurement = self.measurement if measurement is None else measurement
         if pairs is not None:
             measurement = measurement.with_pairs(pairs)
@@ -215,10 +232,48 @@ class IMM:
             )
         z = _validate.array("values", values, (None, measurement.size), finite=False)
         time = _validate.array("time", time)
-        _validate.fitting(state=state.log_likelihood.shape, time=time.shape, values=z.shape[:-1])
+        batch = _validate.fitting(
+            state=state.log_likelihood.shape, time=time.shape, values=z.shape[:-1]
+        )
         _validate.refuse_backwards("time", "state", state.time, time)
         dt = time - state.time
-        return self._cycle(state, time, dt, self._cycle.bank.chain(dt), z, measurement)
+        own = own and measurement.size == self.measurement.size
+        chosen = choose(self, int(np.prod(batch)), 1, engine)
+        if chosen == "compiled" and own:
+            from imm_tdoa.kernel.stepping import step
+
+            return step(self, state, time, dt, z, measurement)
+        return self._cycle(state, time, dt, self.chain(dt), z, measurement)
+
+    def compile(self) -> IMM:
+        """Make the compiled engine ready for a stream of steps; return this IMM.
+
+        The first process that does so waits for the compiler, up to about a quarter of a minute;
+        later ones load its work from disk within a second.
+
+        Raises
+        ------
+        ValueError
+            A bank or measurement that the compiled engine does not support.
+        """
+        choose(self, 1, 1, "compiled")
+        self._stepper("compiled")
+        state = self.start(0.0, np.zeros(self.space.dims), np.eye(self.space.dims))
+        self.step(state, 0.0, np.full(self.measurement.size, np.nan), engine="compiled")
+        return self
+
+    def _stepper(self, engine: Engine) -> Stepper | None:
+        """What takes a single target through a step quickly, where there is such a thing."""
+        known: Stepper | None = self._compiled.get("stepper")
+        if known is None and "stepper" not in self._compiled:
+            if engine == "auto" and not ready_to_step():
+                return None
+            if self.cannot_compile is None:
+                from imm_tdoa.kernel.stepping import Stepper
+
+                known = Stepper(self) if Stepper.fits(self) else None
+            self._compiled["stepper"] = known
+        return known
 
     def _refuse_foreign(self, name: str, state: State) -> None:
         if not isinstance(state, State) or state.space.modes != self.space.modes:
@@ -232,7 +287,9 @@ class IMM:
         values: Any,
         start: State | None = None,
         pairs: Any = None,
-        engine: Literal["auto", "numpy"] = "auto",
+        engine: Engine = "auto",
+        keep: str = "all",
+        threads: int | None = None,
     ) -> Track:
         """Track through a whole recording.
 
@@ -249,34 +306,76 @@ class IMM:
             is row 0 of the track and uses those scans up, updates begin with the next.
         pairs : (T, m, 2) or (..., T, m, 2) int, optional
             Station pairs of each row, where they change from scan to scan.
-        engine : "auto" or "numpy"
-            What computes; both are NumPy.
+        engine : "auto", "numpy" or "compiled"
+            What computes; both give the same numbers. ``"auto"`` takes the compiled engine where
+            it supports the bank and is ready, or where the job is long enough to be worth the
+            wait (`imm_tdoa.engine`).
+        keep : "all", "final" or "every k"
+            Which scans the track keeps; with many targets the whole track may not fit in memory.
+        threads : int, optional
+            How many threads the compiled engine computes in; default all processors.
 
         Returns
         -------
         Track
-            One row per scan, from the first that has a state. In a batch the rows of a target
-            that starts later than others are NaN until then.
+            One row per scan kept, from the first that has a state. In a batch the rows of a
+            target that starts later than others are NaN until then.
 
         Raises
         ------
         ValueError
-            Decreasing times, shapes that do not fit, values that determine no position.
+            Decreasing times, shapes that do not fit, values that determine no position, a bank
+            that the compiled engine does not support where it is demanded.
         """
-        if engine not in ("auto", "numpy"):
-            raise ValueError(f"engine: expected 'auto' or 'numpy', got {engine!r}")
         scans = Scans.checked(self.measurement, times, values, pairs)
+        if threads is not None and (not isinstance(threads, int) or threads < 1):
+            raise ValueError(f"threads: expected a number, 1 or more, got {threads!r}")
+        kept_rows(keep, scans.count)
+        targets = int(np.prod(scans.batch))
+        chosen = choose(self, targets, scans.count, engine)
         if start is None:
             state, first = initiation.start_from_scans(self, scans)
         else:
             self._refuse_foreign("start", start)
-            _validate.fitting(start=start.log_likelihood.shape, times_and_values=scans.batch)
+            own = start.log_likelihood.shape
+            batch = _validate.fitting(start=own, times_and_values=scans.batch)
             _validate.refuse_backwards("times", "start", start.time, scans.times[..., 0])
-            state, first = start, np.full(start.log_likelihood.shape, -1)
-        return self._run(scans, state, first)
+            state, first = start, np.full(batch, -1)
+        return self._run(scans, state, first, chosen, keep, threads)
 
-    def _run(self, scans: Scans, state: State, first: Index) -> Track:
-        """Step through the scans after `first` (...), the last that each target's fix used.
+    def _run(
+        self,
+        scans: Scans,
+        state: State,
+        first: Index,
+        engine: Literal["numpy", "compiled"],
+        keep: str,
+        threads: int | None,
+    ) -> Track:
+        """Step through the scans after `first` (...), the last that each target's fix used."""
+        begin = int(first.min())
+        rows = np.arange(max(begin, 0), scans.count)
+        rows = rows[kept_rows(keep, len(rows))]
+        times = scans.times[..., rows]
+        bank = self._cycle.bank
+        if engine == "numpy":
+            states = self._states(scans, state, first, rows)
+            track = Track.from_states(states, times, bank=bank, update=self.update, keep=keep)
+        else:
+            from imm_tdoa.kernel.running import run
+            from imm_tdoa.kernel.tracking import track_of
+
+            kept = np.full(scans.count, -1)
+            kept[rows] = np.arange(len(rows))
+            records = run(self, self.plan, scans, state, first, kept, threads)
+            whole = records.reshape(*first.shape, *records.shape[1:])
+            track = track_of(self.plan, whole, times, state, bank, keep)
+        if begin == int(first.max()):
+            return track
+        return track.blanked(rows < first[..., None])
+
+    def _states(self, scans: Scans, state: State, first: Index, rows: Index) -> list[State]:
+        """States after the scans `rows`, by NumPy.
 
         A target waits for its own start by steps of no length without measurement, which leave
         it as it is.
@@ -289,26 +388,42 @@ class IMM:
         dt = np.diff(
             clock, axis=-1, prepend=np.broadcast_to(state.time[..., None], (*clock.shape[:-1], 1))
         )
-        chain = self._cycle.bank.chain(dt)
+        chain = self.chain(dt)
         waiting = np.arange(begin + 1, scans.count) <= first[..., None]
         values = np.where(waiting[..., None], np.nan, scans.values[..., later, :])
-        states = [state] if begin >= 0 else []
-        for k in range(values.shape[-2]):
-            state = self._cycle(
-                state,
-                clock[..., k],
-                dt[..., k],
-                chain[..., k, :, :],
-                values[..., k, :],
-                scans.measured_at(begin + 1 + k),
-            )
-            states.append(state)
-        rows = slice(max(begin, 0), None)
-        track = Track.from_states(
-            states,
-            scans.times[..., rows],
-            bank=self._cycle.bank,
-            update=self.update,
-        )
-        absent = np.arange(max(begin, 0), scans.count) < first[..., None]
-        return track.blanked(absent) if np.any(absent) else track
+        kept = set(rows.tolist())
+        states = [state] if begin in kept else []
+        for k in range(begin + 1, scans.count):
+            i = k - begin - 1
+            state = self.cycle(
+                state, clock[..., i], dt[..., i], chain[..., i, :, :], values[..., i, :],
+                scans.measured_at(k),
+            )  # fmt: skip
+            if k in kept:
+                states.append(state)
+        return states
+
+    def chain(self, dt: Array) -> Array:
+        """Return the transition matrices (..., r, r) of the modes over `dt` (...) s."""
+        return self._cycle.bank.chain(dt)
+
+    @property
+    def cycle(self) -> Cycle:
+        """One cycle of the recursion by NumPy."""
+        return self._cycle
+
+    @property
+    def plan(self) -> Plan:
+        """What the compiled engine is told of this IMM."""
+        if "plan" not in self._compiled:
+            self._compiled["plan"] = Plan.of(self)
+        plan: Plan = self._compiled["plan"]
+        return plan
+
+    @property
+    def cannot_compile(self) -> str | None:
+        """What of this IMM the compiled engine does not support; None where it supports all."""
+        if "why not" not in self._compiled:
+            self._compiled["why not"] = why_not(self)
+        reason: str | None = self._compiled["why not"]
+        return reason

@@ -239,7 +239,7 @@ def _hopeless(
     with_them = np.stack([one.log_density for one in modes], axis=-1) + log_weight
     on_the_gate = -0.5 * (np.count_nonzero(present, axis=-1) * threshold + bank.log_det)
     result: Mask = mixture.normalise(with_them)[1] < on_the_gate
-    return result
+    return result & np.any(present, axis=-1)
 
 
 def _innovation(free: Observation, j: int, P: Array) -> tuple[Array, Array]:

@@ -17,7 +17,6 @@ from imm_tdoa.bank import Bank
 from imm_tdoa.contract import Array, LinearMotion, Mask
 from imm_tdoa.gaussian import predict_covariance
 from imm_tdoa.sigma_points import Rule
-from imm_tdoa.state import combine
 from imm_tdoa.statespace import StateSpace, apply_lift
 from imm_tdoa.track import Track
 
@@ -86,6 +85,10 @@ def smooth(track: Track, method: Method = "pairwise") -> Track:
         raise ValueError(f"method: expected 'pairwise' or 'kim', got {method!r}")
     if not isinstance(track, Track):
         raise ValueError(f"track: expected a Track, got {track!r}")
+    if track.keep != "all":
+        raise ValueError(
+            f"track: expected one of all scans, this has keep={track.keep!r}; run with keep='all'"
+        )
     if track.smoothed:
         raise ValueError("track: it is smoothed already; smooth the track that the filter made")
     absent: Mask = np.isnan(track.log_likelihood)
@@ -108,11 +111,8 @@ def smooth(track: Track, method: Method = "pairwise") -> Track:
     x = tuple(np.stack([row.x[j] for row in rows], axis=-2) for j in range(r))
     P = tuple(np.stack([row.P[j] for row in rows], axis=-3) for j in range(r))
     log_p = np.stack([row.log_p for row in rows], axis=-2)
-    mean, covariance = combine(track.space, np.exp(log_p), x, P)
     result = attrs.evolve(
         track,
-        mean=mean,
-        covariance=covariance,
         mode_means=x,
         mode_covariances=P,
         log_mode_probability=log_p,

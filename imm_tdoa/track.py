@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, Literal
 
 import attrs
@@ -22,8 +23,6 @@ class Track:
     ----------
     times : (T,) or (..., T)
         Times of the rows, s.
-    mean, covariance : (..., T, n), (..., T, n, n)
-        Combined estimate of all `components`.
     log_mode_probability : (..., T, r)
         Log-probability of each of `modes`; `mode_probability` has the probabilities.
     log_likelihood : (..., T)
@@ -52,14 +51,14 @@ class Track:
     smoothed : bool
         Whether each row knows of later scans (`smooth`).
     engine : str
-        What computed it.
+        What computed it: ``"numpy"`` or ``"compiled"``.
+    keep : str
+        Which scans it has rows of: ``"all"``, ``"final"``, ``"every k"``.
 
     In a batch the rows of a target that has not started yet are NaN.
     """
 
     times: Array
-    mean: Array
-    covariance: Array
     log_mode_probability: Array
     log_likelihood: Array
     nis: Array
@@ -77,6 +76,7 @@ class Track:
     update: str = "ekf"
     smoothed: bool = False
     engine: str = "numpy"
+    keep: str = "all"
 
     @classmethod
     def from_states(
@@ -86,6 +86,7 @@ class Track:
         *,
         bank: Bank,
         update: str = "ekf",
+        keep: str = "all",
     ) -> Track:
         """Stack the states of successive scans at `times` (T,) or (..., T)."""
         last = states[-1]
@@ -100,12 +101,9 @@ class Track:
         means = tuple(stacked([s.means[j] for s in states], 1) for j in range(r))
         covariances = tuple(stacked([s.covariances[j] for s in states], 2) for j in range(r))
         log_probability = stacked([s.log_mode_probability for s in states], 1)
-        mean, covariance = combine(last.space, np.exp(log_probability), means, covariances)
         taken = [s.taken for s in states]
         return cls(
             times=times,
-            mean=mean,
-            covariance=covariance,
             log_mode_probability=log_probability,
             log_likelihood=stacked([s.log_likelihood for s in states], 0),
             nis=stacked([t.nis for t in taken], 0),
@@ -121,6 +119,7 @@ class Track:
             space=last.space,
             modes=last.modes,
             update=update,
+            keep=keep,
         )
 
     def smooth(self, method: Literal["pairwise", "kim"] = "pairwise") -> Track:
@@ -142,8 +141,6 @@ class Track:
 
         return attrs.evolve(
             self,
-            mean=blank(self.mean, 1),
-            covariance=blank(self.covariance, 2),
             log_mode_probability=blank(self.log_mode_probability, 1),
             log_likelihood=blank(self.log_likelihood, 0),
             nis=blank(self.nis, 0),
@@ -153,6 +150,20 @@ class Track:
             mode_means=tuple(blank(x, 1) for x in self.mode_means),
             mode_covariances=tuple(blank(P, 2) for P in self.mode_covariances),
         )
+
+    @cached_property
+    def _combined(self) -> tuple[Array, Array]:
+        return combine(self.space, self.mode_probability, self.mode_means, self.mode_covariances)
+
+    @property
+    def mean(self) -> Array:
+        """Combined estimate (..., T, n) of all `components`."""
+        return self._combined[0]
+
+    @property
+    def covariance(self) -> Array:
+        """Combined covariance (..., T, n, n), spread between the modes included."""
+        return self._combined[1]
 
     @property
     def components(self) -> tuple[str, ...]:

@@ -32,6 +32,7 @@ class Engine(StrEnum):
 
     AUTO = "auto"
     NUMPY = "numpy"
+    COMPILED = "compiled"
 
 
 @attrs.frozen(eq=False)

@@ -30,26 +30,22 @@ def spanning_rows(pairs: Index, present: Mask) -> Mask:
     others: it adds no information and makes R singular.
     """
     stations = int(pairs.max(initial=0)) + 1
-    if pairs.ndim == 2:
-        rank = np.linalg.matrix_rank(incidence(pairs, stations)) if len(pairs) else 0
-        if rank == len(pairs):
-            return present
     m = pairs.shape[-2]
+    if m < 2:
+        return present
+    if pairs.ndim == 2:
+        rank = np.linalg.matrix_rank(incidence(pairs, stations))
+        if rank == m:
+            return present
     batch = np.broadcast_shapes(pairs.shape[:-2], present.shape[:-1])
-    rows = np.broadcast_to(present, (*batch, m)).reshape(-1, m)
-    ends = np.broadcast_to(pairs, (*batch, m, 2)).reshape(-1, m, 2)
-    kept = np.array([_forest(p, e, stations) for p, e in zip(rows, ends, strict=True)])
-    return kept.reshape(*batch, m)
-
-
-def _forest(present: Mask, ends: Index, stations: int) -> list[bool]:
-    """Kruskal's spanning forest over the present rows, in order."""
-    tree = list(range(stations))
-    kept = []
-    for there, (a, b) in zip(present, ends, strict=True):
-        root_a, root_b = tree[a], tree[b]
-        new = bool(there) and root_a != root_b
-        if new:
-            tree = [root_b if root == root_a else root for root in tree]
-        kept.append(new)
+    present = np.broadcast_to(present, (*batch, m))
+    # Kruskal's spanning forest over the present rows, in order: root of each station's tree
+    root = np.broadcast_to(np.arange(stations), (*batch, stations))
+    kept = np.zeros((*batch, m), dtype=bool)
+    for i in range(m):
+        ends = np.broadcast_to(pairs[..., i, :], (*batch, 2))
+        a, b = np.moveaxis(np.take_along_axis(root, ends, axis=-1), -1, 0)
+        kept[..., i] = present[..., i] & (a != b)
+        joins = kept[..., i, None] & (root == a[..., None])
+        root = np.where(joins, b[..., None], root)
     return kept

@@ -8,6 +8,7 @@ import attrs
 
 from imm_tdoa.contract import Array, Mask
 from imm_tdoa.geometry import difference, range_rates
+from imm_tdoa.makeup import RANGE_RATE, Makeup
 from imm_tdoa.models.measurement._differences import DifferenceMeasurement
 from imm_tdoa.stations import Stations
 
@@ -68,6 +69,10 @@ class FDOA(DifferenceMeasurement):
     ) -> tuple[Array, Array]:
         """Return the stations' rates as sources with `range_rate_sigma`, else the rows."""
         return self._sources("range_rate_sigma", "difference_sigma", 1.0, position, velocity, time)
+
+    def makeup(self) -> Makeup | None:
+        """Return what the rows are made of; None where receiver errors depend on the emitter."""
+        return None if self.uncertain else Makeup.of_pairs(RANGE_RATE, self.pairs, self.stations)
 
     def station_jacobian(
         self, position: Array, velocity: Array, time: float | Array

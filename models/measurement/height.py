@@ -9,6 +9,7 @@ import numpy as np
 
 from imm_tdoa.contract import Array, Measurement
 from imm_tdoa.frames import EastNorthUp
+from imm_tdoa.makeup import HEIGHT, Makeup
 from imm_tdoa.models.measurement import _sigma
 
 
@@ -60,6 +61,10 @@ class Height(Measurement):
         else:
             H = self.frame.height(position)[1][..., None, :]
         return H, np.zeros_like(H)
+
+    def makeup(self) -> Makeup:
+        """Return what the row is made of."""
+        return Makeup(np.array([HEIGHT]), np.array([2]), np.array([-1]), frame=self.frame)
 
     def noise_covariance(self, position: Array, velocity: Array, time: float | Array) -> Array:
         """Return the variance (..., 1, 1), m²."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from imm_tdoa import _validate
 from imm_tdoa.contract import Array, Measurement
+from imm_tdoa.makeup import AXIS, Makeup
 from imm_tdoa.models.measurement import _sigma
 
 
@@ -52,6 +53,11 @@ class Position(Measurement):
         d = self.dims
         H = np.broadcast_to(np.eye(d), (*position.shape[:-1], d, d))
         return H, np.zeros_like(H)
+
+    def makeup(self) -> Makeup:
+        """Return what the rows are made of."""
+        d = self.dims
+        return Makeup(np.full(d, AXIS), np.arange(d), np.full(d, -1))
 
     def noise_covariance(self, position: Array, velocity: Array, time: float | Array) -> Array:
         """Return the diagonal covariance (..., d, d), m²."""

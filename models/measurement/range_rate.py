@@ -9,6 +9,7 @@ import numpy as np
 
 from imm_tdoa.contract import Array, Index
 from imm_tdoa.geometry import range_rates
+from imm_tdoa.makeup import RANGE_RATE, Makeup
 from imm_tdoa.models.measurement import _sigma
 from imm_tdoa.models.measurement._receiver import ReceiverMeasurement
 from imm_tdoa.stations import Stations
@@ -66,6 +67,10 @@ class RangeRate(ReceiverMeasurement):
         sigma = _sigma.at("sigma", self.sigma, self.sigma_times, time, self.size)
         result: Array = sigma[..., None] ** 2 * np.eye(self.size)
         return result
+
+    def makeup(self) -> Makeup | None:
+        """Return what the rows are made of; None where receiver errors depend on the emitter."""
+        return None if self.uncertain else Makeup.of_stations(RANGE_RATE, self.stations)
 
     def station_jacobian(
         self, position: Array, velocity: Array, time: float | Array

@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 
 from imm_tdoa.contract import Array, Index, Mask, MeasurementModel
+from imm_tdoa.makeup import Makeup, joined
 from imm_tdoa.models.measurement._receiver import ReceiverMeasurement, receiver_covariance
 
 
@@ -85,6 +86,11 @@ class Stack:
         parts = [m.jacobian(position, velocity, time) for m in self.models]
         Hp = np.concatenate(_same_batch([p for p, _ in parts], 2), axis=-2)
         return Hp, np.concatenate(_same_batch([v for _, v in parts], 2), axis=-2)
+
+    def makeup(self) -> Makeup | None:
+        """Return what the rows of all models are made of, where each model says so."""
+        says = [getattr(model, "makeup", None) for model in self.models]
+        return joined([None if say is None else say() for say in says])
 
     def noise_covariance(self, position: Array, velocity: Array, time: float | Array) -> Array:
         """Return R (..., m, m): block diagonal, but for receiver errors that models share."""

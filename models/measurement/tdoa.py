@@ -10,6 +10,7 @@ import numpy as np
 from imm_tdoa import _validate
 from imm_tdoa.contract import Array, Mask
 from imm_tdoa.geometry import difference, ranges
+from imm_tdoa.makeup import RANGE, Makeup
 from imm_tdoa.models.measurement._differences import DifferenceMeasurement
 from imm_tdoa.stations import Stations
 
@@ -80,6 +81,10 @@ class TDOA(DifferenceMeasurement):
     ) -> tuple[Array, Array]:
         """Return the arrivals as sources of error with `toa_sigma`, the rows with `tdoa_sigma`."""
         return self._sources("toa_sigma", "tdoa_sigma", self.speed, position, velocity, time)
+
+    def makeup(self) -> Makeup | None:
+        """Return what the rows are made of; None where receiver errors depend on the emitter."""
+        return None if self.uncertain else Makeup.of_pairs(RANGE, self.pairs, self.stations)
 
     def station_jacobian(
         self, position: Array, velocity: Array, time: float | Array

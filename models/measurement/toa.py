@@ -10,6 +10,7 @@ import numpy as np
 from imm_tdoa import _validate
 from imm_tdoa.contract import Array, Index
 from imm_tdoa.geometry import ranges
+from imm_tdoa.makeup import RANGE, Makeup
 from imm_tdoa.models.measurement import _sigma
 from imm_tdoa.models.measurement._receiver import ReceiverMeasurement
 from imm_tdoa.stations import Stations
@@ -77,6 +78,10 @@ class TOA(ReceiverMeasurement):
         sigma = self.speed * _sigma.at("sigma", self.sigma, self.sigma_times, time, self.size)
         result: Array = sigma[..., None] ** 2 * np.eye(self.size)
         return result
+
+    def makeup(self) -> Makeup | None:
+        """Return what the rows are made of; None where receiver errors depend on the emitter."""
+        return None if self.uncertain else Makeup.of_stations(RANGE, self.stations)
 
     def station_jacobian(
         self, position: Array, velocity: Array, time: float | Array

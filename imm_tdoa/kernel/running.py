@@ -1,0 +1,230 @@
+"""A recording, or a million of them, through the compiled recursion."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import attrs
+import numpy as np
+
+from imm_tdoa.contract import Array, Index, MeasurementModel
+from imm_tdoa.kernel import feeding
+from imm_tdoa.kernel.layout import Feed, Robust
+from imm_tdoa.kernel.machine import machine
+from imm_tdoa.kernel.plan import Plan
+from imm_tdoa.kernel.recursion import IMPOSSIBLE, INDEFINITE, REOPENS
+from imm_tdoa.kernel.vectors import FOUR, LANES, ONE, Lanes
+from imm_tdoa.scans import Scans
+from imm_tdoa.state import State
+
+if TYPE_CHECKING:
+    from imm_tdoa.imm import IMM
+
+CHUNK = 4096  # targets whose arrays are made at a time
+FEW, SEVERAL = 2, 8  # targets that are quicker one by one, or four by four
+
+
+def lanes_for(targets: int) -> Lanes:
+    """Return how many targets to compute at once."""
+    return ONE if targets <= FEW else FOUR if targets <= SEVERAL else LANES
+
+
+def processors() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@attrs.frozen(eq=False)
+class _Job:
+    """Part of the targets, all scans."""
+
+    imm: IMM
+    plan: Plan
+    lanes: Lanes
+    scans: Scans
+    feed: Feed
+    robust: Robust | None
+    state: State
+    times: Array
+    dt: Array
+    records: Array
+    out: Array
+    kept: Index
+    start: int
+
+    def __call__(self) -> None:
+        first, begin, last = 0, self.start, len(self.records)
+        while first < last:
+            code, t, target = machine(
+                self.lanes, self.plan.spec, self.plan.record, self.feed, self.robust,
+                self.records, self.out, self.kept, first, last, self.start, begin,
+            )  # fmt: skip
+            if code == INDEFINITE:
+                raise ValueError("innovation covariance: not positive definite")
+            if code == IMPOSSIBLE:
+                when = self.times[target if len(self.times) > 1 else 0, t]
+                raise ValueError(
+                    f"values: at time {when:g} s no mode can explain the measurement "
+                    f"(its likelihood is zero or not a number in every mode)"
+                )
+            if code != REOPENS:
+                return
+            self._reopen(slice(target, min(target + len(self.lanes), last)), t)
+            first, begin = target, t + 1
+            if begin == self.times.shape[-1]:
+                first, begin = first + len(self.lanes), self.start
+
+    def _reopen(self, part: slice, t: int) -> None:
+        """Take a block with a lost target over scan t by the plain cycle."""
+        assert self.robust is not None
+        rows, trust = self.records[part], self.robust.trust[part]
+
+        def own(a: Any) -> Any:
+            return a[part] if len(a) > 1 else a[[0] * len(rows)]
+
+        times, dt, values = own(self.times)[:, t], own(self.dt)[:, t], own(self.feed.values)[:, t]
+        values = np.where((t >= own(self.feed.since))[:, None], values, np.nan)
+        before = own(self.times)[:, t] - dt
+        state = feeding.state_of(self.plan, self.state, before, rows.copy(), trust.copy())
+        scans, measurement = self.scans, self.scans.measurement
+        if scans.pairs is not None:
+            pairs = scans.pairs[..., t, :, :]
+            measurement = measurement.with_pairs(pairs[part] if pairs.ndim > 2 else pairs)
+        state = self.imm.cycle(state, times, dt, self.imm.chain(dt), values, measurement)
+        feeding.records(self.plan, state, (len(rows),), rows)
+        self.robust.trust[part] = feeding.trusts(self.plan, state, (len(rows),))
+        if self.kept[t] >= 0:
+            self.out[part, self.kept[t]] = rows
+
+
+def run(
+    imm: IMM,
+    plan: Plan,
+    scans: Scans,
+    state: State,
+    first: Index,
+    kept: Index,
+    threads: int | None,
+) -> Array:
+    """Take every target through the scans after `first` (...), the last its fix used.
+
+    Parameters
+    ----------
+    kept : (T,)
+        Which of the K records kept each scan's is; -1: none.
+    threads : int, optional
+        How many to compute in; default as many as there are processors, where it is worth it.
+
+    Returns
+    -------
+    (B, K, size)
+        The records kept, target by target.
+    """
+    batch, T, m = first.shape, scans.count, scans.measurement.size
+    B = math.prod(batch)
+    begin = int(first.min())
+    times, dt, since = _clock(scans, state, first, begin)
+    values = scans.values
+    if values.shape[:-2] != batch and math.prod(values.shape[:-2]) > 1:
+        values = np.broadcast_to(values, (*batch, T, m))
+    values = values.reshape(-1, T, m)
+    K = int(kept.max()) + 1
+    records = np.empty((B, plan.record.size))
+    feeding.records(plan, state, batch, records, anew=True)
+    out = records[:, None] if K == 1 and kept[-1] == 0 else np.empty((B, K, plan.record.size))
+    if begin >= 0 and kept[begin] >= 0:
+        out[:, kept[begin]] = records
+    trust = feeding.trusts(plan, state, batch) if imm.robust is not None else np.empty((0, 0))
+    pairs = scans.pairs
+    if pairs is not None and pairs.ndim > 3:
+        pairs = np.broadcast_to(pairs, (*batch, *pairs.shape[-3:])).reshape(B, *pairs.shape[-3:])
+    lanes = lanes_for(B)
+    L = len(lanes)
+    workers = processors() if threads is None else threads
+    size = min(CHUNK, -(-B // workers))
+    size = max(-(-size // L) * L, L)
+    shared: Feed | None = None
+    if len(times) == 1 and pairs is None:
+        shared = feeding.template(plan)
+        if shared is not None:
+            tables, step = plan.tables(dt)
+            shared = shared._replace(tables=tables, step=step, since=since)
+
+    def job(a: int) -> _Job:
+        part = slice(a, min(a + size, B))
+
+        def own(array: Any) -> Any:
+            return array[part] if len(array) > 1 else array
+
+        if shared is not None:
+            fed = shared._replace(values=np.ascontiguousarray(own(values)))
+            return finish(part, scans, scans.measurement, fed)
+        own_pairs = pairs[part] if pairs is not None and pairs.ndim > 3 else pairs
+        scan = Scans(scans.measurement, scans.times, scans.values, own_pairs)
+        measurement = scan.together()
+        usable = feeding.usable(measurement, own(times), own(values))
+        fed = feeding.feed(plan, measurement, own(times), own(dt), own(values), own(since), usable)
+        return finish(part, scan, measurement, fed)
+
+    def finish(part: slice, scan: Scans, measurement: MeasurementModel, fed: Feed) -> _Job:
+        clock, gap = (a[part] if len(a) > 1 else a for a in (times, dt))
+        return _Job(
+            imm=imm,
+            plan=plan,
+            lanes=lanes,
+            scans=scan,
+            feed=fed,
+            robust=feeding.robust(imm, measurement, clock, trust[part]),
+            state=state,
+            times=clock,
+            dt=gap,
+            records=records[part],
+            out=out[part],
+            kept=kept,
+            start=begin + 1,
+        )
+
+    if begin + 1 < T:
+        _work([*range(0, B, size)], job, workers)
+    return out
+
+
+def _clock(scans: Scans, state: State, first: Index, begin: int) -> tuple[Array, Array, Index]:
+    """Times (1 | B, T) of the scans, steps between them, and the first scan (1 | B,) taken in."""
+    T = scans.count
+    begun = np.asarray(state.time)
+    alone = scans.times.ndim == 1 and bool(np.all(first == begin))
+    if alone and (begun.ndim == 0 or np.all(begun == begun.flat[0])):
+        times, begun, since = scans.times[None], begun.reshape(-1)[:1], np.array([begin + 1])
+    else:
+        batch = first.shape
+        times = np.broadcast_to(scans.times, (*batch, T)).reshape(-1, T)
+        begun, since = np.broadcast_to(begun, batch).reshape(-1), first.reshape(-1) + 1
+    times = np.maximum(times, begun[:, None])
+    dt = np.zeros_like(times)
+    if begin + 1 < T:
+        dt[:, begin + 1] = times[:, begin + 1] - begun
+        dt[:, begin + 2 :] = times[:, begin + 2 :] - times[:, begin + 1 : -1]
+    return times, dt, since
+
+
+def _work(begins: list[int], job: Any, workers: int) -> None:
+    """Do the jobs, no more of them prepared at a time than are soon worked on."""
+    if len(begins) == 1 or workers == 1:
+        for a in begins:
+            job(a)()
+        return
+    with ThreadPoolExecutor(min(workers, len(begins))) as pool:
+        open_jobs: deque[Future[None]] = deque()
+        for a in begins:
+            open_jobs.append(pool.submit(job(a)))
+            if len(open_jobs) > 2 * workers:
+                open_jobs.popleft().result()
+        for future in open_jobs:
+            future.result()
