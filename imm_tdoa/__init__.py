@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         recording,
         selection,
         simulate,
+        study,
         testing,
         tracking,
     )
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from imm_tdoa.gaussian_sum import GaussianSum
     from imm_tdoa.recording import Recording
     from imm_tdoa.sequence_filter import SequenceFilter
+    from imm_tdoa.tracking import Tracker
 
 _MODULES = (
     "bankfile",
@@ -47,6 +49,7 @@ _MODULES = (
     "selection",
     "sequence_filter",
     "simulate",
+    "study",
     "testing",
     "tracking",
 )
@@ -55,6 +58,7 @@ _CLASSES = {
     "GaussianSum": "gaussian_sum",
     "Recording": "recording",
     "SequenceFilter": "sequence_filter",
+    "Tracker": "tracking",
 }
 
 __version__ = "0.1.0"
@@ -67,6 +71,7 @@ __all__ = [
     "SequenceFilter",
     "Stations",
     "Track",
+    "Tracker",
     "bounds",
     "gaussian_sum",
     "interop",
@@ -76,6 +81,7 @@ __all__ = [
     "recording",
     "selection",
     "simulate",
+    "study",
     "testing",
     "tracking",
 ]

@@ -12,7 +12,7 @@ from imm_tdoa import _validate, initiation
 from imm_tdoa.bank import Bank
 from imm_tdoa.contract import AXES, Array, Index, MeasurementModel
 from imm_tdoa.cycle import ROBUST, UPDATES, Cycle, RobustRule, UpdateRule
-from imm_tdoa.engine import Engine, choose, ready_to_step
+from imm_tdoa.engine import ENGINES, Engine, choose, ready_to_step
 from imm_tdoa.keeping import kept_rows
 from imm_tdoa.kernel.plan import Plan, why_not
 from imm_tdoa.mixing import MERGING, Merging
@@ -264,6 +264,7 @@ class IMM:
 
     def _stepper(self, engine: Engine) -> Stepper | None:
         """What takes a single target through a step quickly, where there is such a thing."""
+        _validate.one_of("engine", engine, ENGINES)
         known: Stepper | None = self._compiled.get("stepper")
         if known is None and "stepper" not in self._compiled:
             if engine == "auto" and not ready_to_step():

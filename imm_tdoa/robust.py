@@ -238,8 +238,9 @@ def _hopeless(
     modes, bank = judged[:-1], judged[-1]
     with_them = np.stack([one.log_density for one in modes], axis=-1) + log_weight
     on_the_gate = -0.5 * (np.count_nonzero(present, axis=-1) * threshold + bank.log_det)
-    result: Mask = mixture.normalise(with_them)[1] < on_the_gate
-    return result & np.any(present, axis=-1)
+    worse = mixture.normalise(with_them)[1] < on_the_gate
+    result: Mask = worse & np.any(present, axis=-1)
+    return result
 
 
 def _innovation(free: Observation, j: int, P: Array) -> tuple[Array, Array]:

@@ -8,11 +8,13 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from imm_tdoa.cli.bench import bench
 from imm_tdoa.cli.locate import locate
 from imm_tdoa.cli.models import models
 from imm_tdoa.cli.reproduce import app as reproduce
 from imm_tdoa.cli.select import select
 from imm_tdoa.cli.simulate import simulate
+from imm_tdoa.cli.study import study
 from imm_tdoa.cli.track import track
 
 # What Typer raises for a wrong command line; its module differs between versions.
@@ -95,5 +97,7 @@ app.command()(track)
 app.command()(locate)
 app.command()(select)
 app.command()(simulate)
+app.command()(study)
 app.add_typer(reproduce, name="reproduce")
 app.command()(models)
+app.command()(bench)

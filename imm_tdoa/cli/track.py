@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import attrs
-import numpy as np
 import typer
 
-from imm_tdoa.cli import output, recordings
+from imm_tdoa.cli import output, recordings, track_report
+from imm_tdoa.cli.emitters import AssociatorName, Wishes, track_unlabelled
 from imm_tdoa.cli.recordings import RecordingFolder, RobustOption, Targets
 
 if TYPE_CHECKING:
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from imm_tdoa.track import Track
 
 PICTURED = 6  # targets that get pictures of their own
-LISTED = 12  # targets in the printed table
-REASONS = 4  # reasons printed why targets were not tracked
 
 
 class Engine(StrEnum):
@@ -68,6 +66,38 @@ def track(
         ),
     ] = None,
     target: Targets = None,
+    associator: Annotated[
+        AssociatorName | None,
+        typer.Option(
+            help="Unlabelled: who takes which rows. global: the cheapest of all assignments; "
+            "jpda: weighs them all, for emitters close together; nearest: each pair by itself.",
+            show_default="global",
+        ),
+    ] = None,
+    detection_probability: Annotated[
+        float | None,
+        typer.Option(
+            metavar="P",
+            help="Unlabelled: how likely a row of an emitter is measured in a scan.",
+            show_default="0.9",
+        ),
+    ] = None,
+    cutoff: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            help="Unlabelled: how far a track may be from the emitter that it follows; default "
+            "three standard deviations of a fix.",
+            show_default=False,
+        ),
+    ] = None,
+    hide_labels: Annotated[
+        bool,
+        typer.Option(
+            "--hide-labels",
+            help="Ignore whose rows are whose, and say afterwards how pure the tracks are.",
+        ),
+    ] = False,
 ) -> None:
     """Track the targets of a recording with several motion models at once.
 
@@ -80,15 +110,46 @@ def track(
 
     Look at car/track.png: the map above, beneath it which motion the target was in. Is the error
     in car/error.png mostly under its own bound? Then the noise and the bank fit.
+
+    Where nobody knows whose rows are whose (labelled = false), it finds out how many emitters
+    there are and which rows are theirs, numbers them, and writes tracks.csv, summary.json and
+    tracks.png (the map), lives.png (who lived when, and why not longer), rows.png (who took which
+    rows), gospa.png (against the truth):
+
+        imm-tdoa simulate busy-sky --out sky
+
+        imm-tdoa track sky --bank aircraft
+
+    A bank that does not fit, too slow or too nimble, shows there as tracks that are not found.
     """
     from imm_tdoa import bankfile
 
     chosen = bankfile.load(bank)
     with recordings.folder(recording) as place:
-        from imm_tdoa.recording import read
+        from imm_tdoa.recording import read, without_labels
 
         data = read(place)
         home = output.folder(out, place)
+    facts = {
+        "title": data.title,
+        "recording": place.resolve().name,
+        "bank": bank,
+        "modes": list(chosen.names),
+        "robust": None if robust is None else robust.value,
+        "smoothed": smooth,
+    }
+    wishes = Wishes(
+        robust=recordings.rule_of(robust),
+        smooth=smooth,
+        associator=None if associator is None else associator.value,
+        detection_probability=detection_probability,
+        cutoff=cutoff,
+    )
+    if hide_labels or not data.labelled:
+        _refuse_for_unlabelled(target, engine)
+        track_unlabelled(without_labels(data), chosen, wishes, facts, home)
+        return
+    _refuse_for_labelled(wishes)
     names = recordings.targets(data, target)
     with output.progress(len(names)) as advance:
         results, failed = _track_all(
@@ -103,18 +164,34 @@ def track(
         files = _write(home, data, results)
         advance("drawing")
         files += _draw(home, data, results)
-    facts = {
-        "title": data.title,
-        "recording": place.resolve().name,
-        "bank": bank,
-        "modes": list(chosen.names),
-        "robust": None if robust is None else robust.value,
-        "smoothed": smooth,
-    }
-    summary = _summary(facts, data, results, failed)
+    summary = track_report.summarised(facts, data, results, failed)
     summary["files"] = sorted([*files, "summary.json"])
     output.write_json(home / "summary.json", summary)
-    _tell(data, summary, home)
+    track_report.tell(data, summary, home)
+
+
+def _refuse_for_unlabelled(target: Sequence[str] | None, engine: Engine) -> None:
+    if target:
+        raise ValueError("--target: nobody knows whose rows are whose; leave it out")
+    if engine is Engine.COMPILED:
+        raise ValueError(
+            "--engine: only the tracks of labelled recordings are computed as compiled; "
+            "use auto or numpy"
+        )
+
+
+def _refuse_for_labelled(wishes: Wishes) -> None:
+    given = {
+        "--associator": wishes.associator,
+        "--detection-probability": wishes.detection_probability,
+        "--cutoff": wishes.cutoff,
+    }
+    for option, value in given.items():
+        if value is not None:
+            raise ValueError(
+                f"{option}: the recording says whose rows are whose, and there is nothing to "
+                f"associate; --hide-labels ignores that"
+            )
 
 
 def _track_all(
@@ -176,100 +253,3 @@ def _draw(home: Path, data: Recording, results: Mapping[str, Result]) -> list[st
                 draw(track, data, target=name, title=title, path=home / file)
                 files.append(file)
     return files
-
-
-def _figures(dims: int, errors: Errors | None) -> dict[str, float | None]:
-    """Figures of merit by name, null where there is no truth."""
-    names = ["position_rmse_m", "horizontal_rmse_m", "position_median_m", "horizontal_median_m"]
-    names += ["velocity_rmse_mps", "mean_nees"]
-    found = {} if errors is None else errors.summary()
-    return {n: found.get(n) for n in names if dims == 3 or not n.startswith("horizontal")}
-
-
-def _summary(
-    facts: Mapping[str, Any],
-    data: Recording,
-    results: Mapping[str, Result],
-    failed: Mapping[str, str],
-) -> dict[str, Any]:
-    """What summary.json holds."""
-    from imm_tdoa.scoring import pooled
-
-    targets: dict[str, dict[str, Any]] = {
-        name: {
-            "scans": len(result.track.times),
-            **_figures(data.dims, result.errors),
-            "log_likelihood": _last_finite(result.track.log_likelihood),
-            "rows_left_out": int(np.count_nonzero(result.track.row_weight < 0.5)),
-            "lost_scans": int(np.count_nonzero(result.track.lost)),
-            "seconds": result.seconds,
-            "engine": result.track.engine,
-        }
-        for name, result in results.items()
-    }
-    known = [result.errors for result in results.values() if result.errors is not None]
-    engines = sorted({result.track.engine for result in results.values()})
-    overall = {
-        "targets": len(results),
-        "scans": sum(row["scans"] for row in targets.values()),
-        **_figures(data.dims, pooled(known) if known else None),
-        "log_likelihood": sum(row["log_likelihood"] for row in targets.values()),
-        "rows_left_out": sum(row["rows_left_out"] for row in targets.values()),
-        "lost_scans": sum(row["lost_scans"] for row in targets.values()),
-        "seconds": sum(row["seconds"] for row in targets.values()),
-        "engine": ", ".join(engines),
-    }
-    return {**facts, "overall": overall, "targets": targets, "failed": dict(failed)}
-
-
-def _last_finite(values: Any) -> float:
-    known = values[np.isfinite(values)]
-    return float(known[-1]) if len(known) else 0.0
-
-
-def _tell(data: Recording, summary: Mapping[str, Any], home: Path) -> None:
-    """Print a short table and where everything is."""
-    out = output.console()
-    heads = {
-        "position_rmse_m": "RMSE [m]",
-        "position_median_m": "median [m]",
-        "horizontal_rmse_m": "horizontal RMSE [m]",
-        "velocity_rmse_mps": "velocity RMSE [m/s]",
-        "mean_nees": f"mean NEES (ideal {len(data.truth_scoring.axes or 'xyz'[: data.dims])})",
-    }
-    overall, targets = summary["overall"], summary["targets"]
-    shown = [key for key in heads if overall.get(key) is not None]
-    columns = [("target", False), ("scans", True), *((heads[k], True) for k in shown)]
-    output.heading(
-        out,
-        f"{data.title or summary['recording']}\n"
-        f"bank {summary['bank']}: {', '.join(summary['modes'])}\n",
-    )
-    table = output.table([*columns, ("log-likelihood", True), ("time [s]", True)])
-    rows = [*list(targets.items())[:LISTED], *([("all", overall)] if len(targets) > 1 else [])]
-    for name, row in rows:
-        table.add_row(
-            output.escaped(name),
-            str(row["scans"]),
-            *(output.number(row[k]) for k in shown),
-            f"{row['log_likelihood']:.1f}",
-            output.number(row["seconds"], 2),
-            style="bold" if row is overall else None,
-        )
-    out.print(table)
-    if len(targets) > LISTED:
-        out.print(f"{len(targets) - LISTED} more targets are in summary.json")
-    if not shown:
-        out.print("no truth to compare with")
-    if overall["rows_left_out"]:
-        out.print(f"rows left out or trusted less than half: {overall['rows_left_out']}")
-    if overall["lost_scans"]:
-        out.print(f"scans while lost, nothing having fitted for too long: {overall['lost_scans']}")
-    failed = summary["failed"]
-    if failed:
-        out.print(f"\nnot tracked: {len(failed)} of {len(failed) + len(targets)} targets")
-        for name, reason in list(failed.items())[:REASONS]:
-            out.print(output.escaped(f"  {name}: {reason}"))
-        if len(failed) > REASONS:
-            out.print(f"  and {len(failed) - REASONS} more, in summary.json")
-    output.written(out, home, summary["files"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import attrs
@@ -25,9 +26,20 @@ def spread(array: Any, trailing: int, targets: int) -> Any:
     if len(batch) < 2:
         array = array.reshape((1,) * (2 - len(batch)) + array.shape)
     else:
-        array = array.reshape(-1, *array.shape[array.ndim - trailing - 1 :])
-        assert len(array) in (1, targets)
+        own = math.prod(batch[:-1])
+        assert own in (1, targets)
+        array = array.reshape(own, *array.shape[array.ndim - trailing - 1 :])
     return np.ascontiguousarray(array)
+
+
+def untouchable(array: Any) -> Array:
+    """Return a contiguous read-only view or copy; to Numba one that may be written is another type.
+
+    The kernel would be compiled anew for it.
+    """
+    result = np.ascontiguousarray(array, dtype=float).view()
+    result.setflags(write=False)
+    return result
 
 
 def feed(
@@ -61,7 +73,7 @@ def feed(
     tables, step = plan.tables(dt)
     still = np.zeros(d)
     clock = times[0] if len(times) == 1 else times
-    noise = measurement.noise_covariance(still, still, clock)
+    noise = measurement.noise_covariance(still, still, noisy(times, values))
     where = [stations.at(clock) for stations in makeup.stations]
     place, speed = (
         _stacked([w[i] for w in where], d) if where else np.zeros((1, 1, 0, d)) for i in range(2)
@@ -73,15 +85,32 @@ def feed(
     return Feed(
         tables=tables,
         step=np.ascontiguousarray(step, dtype=np.int64).reshape(-1, T),
-        values=np.ascontiguousarray(values),
+        values=untouchable(values),
         since=np.ascontiguousarray(since, dtype=np.int64),
         usable=np.ascontiguousarray(usable, dtype=np.int64),
         noise=spread(noise, 2, B),
         place=spread(place, 2, B),
         speed=spread(speed, 2, B),
-        station=np.ascontiguousarray(pairs[..., 0, :]),
-        reference=np.ascontiguousarray(pairs[..., 1, :]),
+        station=np.ascontiguousarray(pairs[..., 0, :, None]),
+        reference=np.ascontiguousarray(pairs[..., 1, :, None]),
     )
+
+
+def noisy(times: Array, values: Array) -> Array:
+    """Times (T,) or (B, T) to ask the noise at: for a scan without rows another's, if there is one.
+
+    At the time of such a scan no standard deviation need be known.
+    """
+    said = np.isfinite(values).any(axis=-1)
+    if len(times) == 1:
+        said = said.any(axis=0, keepdims=True)
+    said = np.broadcast_to(said, times.shape)
+    if not said.all() and said.any():
+        first = times[np.arange(len(times)), np.argmax(said, axis=1)]
+        first = np.where(said.any(axis=1), first, times[said][0])
+        times = np.where(said, times, first[:, None])
+    result: Array = times[0] if len(times) == 1 else times
+    return result
 
 
 def same_at_all_times(measurement: MeasurementModel) -> bool:
@@ -137,13 +166,14 @@ def _pair_axes(measurement: MeasurementModel) -> tuple[int, ...]:
     return np.broadcast_shapes(*shapes) if shapes else ()
 
 
-def robust(imm: IMM, measurement: MeasurementModel, times: Array, trust: Array) -> Robust | None:
+def robust(
+    imm: IMM, measurement: MeasurementModel, times: Array, values: Array, trust: Array
+) -> Robust | None:
     """Return how the recursion is to treat gross errors; None where it is not."""
     if imm.robust is None:
         return None
     still = np.zeros(measurement.dims)
-    clock = times[0] if len(times) == 1 else times
-    D, variance = measurement.error_sources(still, still, clock)
+    D, variance = measurement.error_sources(still, still, noisy(times, values))
     a, a0 = 0.5 * (imm.degrees_of_freedom + 1.0), 0.5 * imm.degrees_of_freedom
     constant = (a - a0) * digamma(a) - gammaln(a) + gammaln(a0)
     B = max(len(times), len(trust))

@@ -38,6 +38,14 @@ def store(
 
 
 @compiled
+def keep(records: Array, out: Array, k: int, block: int, targets: int) -> None:
+    """Copy the block's records to those that are kept, as number k."""
+    for lane in range(targets):
+        for i in range(records.shape[1]):
+            out[block + lane, k, i] = records[block + lane, i]
+
+
+@compiled
 def say(
     M: Array,
     at: Where,
@@ -111,8 +119,8 @@ def take_pairs(
     k = t if feed.station.shape[1] > 1 else 0
     for i in range(station.shape[0]):
         for lane in range(station.shape[1]):
-            station[i, lane] = feed.station[block + min(lane, targets - 1), k, i]
-            reference[i, lane] = feed.reference[block + min(lane, targets - 1), k, i]
+            station[i, lane] = feed.station[block + min(lane, targets - 1), k, i, 0]
+            reference[i, lane] = feed.reference[block + min(lane, targets - 1), k, i, 0]
 
 
 @compiled

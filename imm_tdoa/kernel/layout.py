@@ -62,7 +62,7 @@ class Feed(NamedTuple):
         Covariances, internal units.
     place, speed : (1 | B, 1 | T, S, d)
         Of the stations, m and m/s; NaN where one is not heard.
-    station, reference : (1 | B, 1 | T, m)
+    station, reference : (1 | B, 1 | T, m, 1)
         Ends of each row's difference; reference -1: none. The station of an `AXIS` row is the
         axis.
     """

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from imm_tdoa.contract import Index
 from imm_tdoa.kernel.vectors import compiled
 
@@ -102,9 +100,10 @@ class Where(NamedTuple):
 @compiled
 def lay_out(n: Index, order: Index, d: int, m: int, S: int) -> Where:
     """Return where things lie for modes of n (r,) components and `order` (r,) derivatives."""
-    r, N = len(n), int(np.max(n))
+    r, N = len(n), 0
     means, squares, orders = 0, 0, 0
     for j in range(r):
+        N = max(N, n[j])
         means += n[j]
         squares += n[j] * n[j]
         orders += order[j] * order[j]

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 PROBES = (0.0, 0.37, 2.0)  # time steps at which a transition matrix is looked at, s
 REMEMBERED = 256  # time steps whose tables are kept
+NEVER = 1e-250  # a chance below which the mixing weights are computed by their logarithms
 FEW_STEPS = 1000  # which it is quick to look through for different ones
 
 
@@ -155,7 +156,7 @@ class Plan:
     def _make(self, dt: Array) -> Array:
         bank, d = self.imm.bank, self.spec.dims
         chain = self.imm.chain(dt)
-        parts = [np.all(chain > 0.0, axis=(-2, -1))[:, None].astype(float)]
+        parts = [np.all(chain > NEVER, axis=(-2, -1))[:, None].astype(float)]
         for model in bank.models:
             assert isinstance(model, LinearMotion)
             F = model.transition(dt, d)

@@ -72,10 +72,10 @@ def run(
     grouped = False
     for i in range(m):
         grouped = grouped or group[i] >= 0
-    step, positive = np.full(L, -1), False
+    step, positive = np.zeros(L, np.int64), False
     rows, used = np.zeros(m, np.int64), np.zeros(at.S, np.int64)
     own_pairs = feed.station.shape[0] > 1
-    station, reference = feed.station[0, 0].reshape(m, 1), feed.reference[0, 0].reshape(m, 1)
+    station, reference = feed.station[0, 0], feed.reference[0, 0]
     if own_pairs:
         station, reference = np.zeros((m, L), np.int64), np.zeros((m, L), np.int64)
     taken_from = np.full((m if grouped or robust is not None else 0, L), -1)
@@ -86,7 +86,8 @@ def run(
         targets = min(L, last - block)
         x, P, other_x, other_P = at.x, at.P, at.x_other, at.P_other
         gathering.load(M, records, x, at.total + 1, block, targets)
-        step[:] = -1
+        for lane in range(L):
+            step[lane] = -1
         here = begin if block == first else start
         for t in range(here, T):
             if robust is not None and reading.reopens(robust, block, targets):
@@ -104,8 +105,7 @@ def run(
             if own_pairs:
                 gathering.take_pairs(feed, block, targets, t, station, reference)
             elif feed.station.shape[1] > 1:
-                station = feed.station[0, t].reshape(m, 1)
-                reference = feed.reference[0, t].reshape(m, 1)
+                station, reference = feed.station[0, t], feed.reference[0, t]
             q = gathering.take_values(
                 M, at, kind, scale, values, usable, since, block, targets, t, station, reference,
                 rows,
@@ -174,7 +174,7 @@ def run(
                             block + lane, reading.LOST
                         ]
                 if kept[t] >= 0:
-                    out[block : block + targets, kept[t]] = records[block : block + targets]
+                    gathering.keep(records, out, kept[t], block, targets)
     return FINE, 0, 0
 
 
@@ -315,8 +315,8 @@ def step(
     order, n = ints[i : i + r], ints[i + r : i + 2 * r]
     i += 2 * r
     kind, group = ints[i : i + m], ints[i + m : i + 2 * m]
-    station = ints[i + 2 * m : i + 3 * m].reshape(1, 1, m)
-    reference = ints[i + 3 * m : i + 4 * m].reshape(1, 1, m)
+    station = ints[i + 2 * m : i + 3 * m].reshape(1, 1, m, 1)
+    reference = ints[i + 3 * m : i + 4 * m].reshape(1, 1, m, 1)
     i = n_max
     birth, pattern = floats[:i], floats[i : i + r * k * k].reshape(r, k, k)
     i += r * k * k

@@ -163,7 +163,7 @@ def run(
             return array[part] if len(array) > 1 else array
 
         if shared is not None:
-            fed = shared._replace(values=np.ascontiguousarray(own(values)))
+            fed = shared._replace(values=feeding.untouchable(own(values)))
             return finish(part, scans, scans.measurement, fed)
         own_pairs = pairs[part] if pairs is not None and pairs.ndim > 3 else pairs
         scan = Scans(scans.measurement, scans.times, scans.values, own_pairs)
@@ -180,7 +180,7 @@ def run(
             lanes=lanes,
             scans=scan,
             feed=fed,
-            robust=feeding.robust(imm, measurement, clock, trust[part]),
+            robust=feeding.robust(imm, measurement, clock, fed.values, trust[part]),
             state=state,
             times=clock,
             dt=gap,

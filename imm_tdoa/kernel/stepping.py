@@ -135,20 +135,24 @@ class Stepper:
             if state.space.modes != self.imm.space.modes:
                 return None
             record, like, before = np.empty(plan.record.size), state, float(state.time)
-            feeding.records(plan, state, (), record)
+            feeding.records(plan, state, (), record, anew=True)
         else:
+            return None
+        if isinstance(time, np.ndarray) and time.ndim > 0:
             return None
         try:
             now, z = float(time), np.asarray(values, dtype=float)
         except (TypeError, ValueError):
             return None
+        if not z.flags.carray:  # another type to Numba, for which it would compile the step anew
+            z = np.array(z)
         dt = now - before
         if z.shape != self.shape or not 0.0 <= dt < np.inf:
             return None
         estimate = np.empty(self.estimate)
         code = machine.step(
             ONE, self.ints, self.floats, plan.table(dt),
-            np.ascontiguousarray(z), record, estimate,
+            z, record, estimate,
         )  # fmt: skip
         machine.stepped = True
         if code != FINE:
@@ -183,12 +187,14 @@ def step(
     batch = np.broadcast_shapes(state.log_likelihood.shape, time.shape, values.shape[:-1])
     B, m = int(np.prod(batch)), measurement.size
     trust = np.empty((0, 0))
+    if not np.isfinite(values).any():  # not even the noise need be known then
+        return imm.cycle(state, time, dt, imm.chain(dt), values, measurement)
     if imm.robust is not None:
         if np.any(state.trust.opens):
             return imm.cycle(state, time, dt, imm.chain(dt), values, measurement)
         trust = feeding.trusts(plan, state, batch)
     records = np.empty((B, plan.record.size))
-    feeding.records(plan, state, batch, records)
+    feeding.records(plan, state, batch, records, anew=True)
 
     def flat(array: Array, trailing: int) -> Array:
         shape = array.shape[: array.ndim - trailing]
@@ -200,7 +206,7 @@ def step(
     values = flat(values, 1)
     usable = feeding.usable(measurement, clock, values)
     feed = feeding.feed(plan, measurement, clock, gap, values, np.zeros(1, int), usable)
-    how = feeding.robust(imm, measurement, clock, trust)
+    how = feeding.robust(imm, measurement, clock, values, trust)
     code, _, _ = machine(
         lanes_for(B), plan.spec, plan.record, feed, how, records, np.empty((B, 0, 0)), NOWHERE,
         0, B, 0, 0,

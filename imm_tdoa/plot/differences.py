@@ -111,7 +111,7 @@ def _panel(
     t, value = seen.times[mine], MICRO * seen.values[mine]
     few, many = len(truths) <= len(canvas.MODES), len(truths) > CROWD
     for i, truth in enumerate(truths.values()):
-        true = MICRO * _true(recording, truth, pair)
+        true = MICRO * true_difference(recording, truth, pair)
         colour = canvas.MODES[i] if few else canvas.TRACK
         width = _width(i, len(truths))
         ax.plot(clock(truth.times), true, color=colour, linewidth=width, solid_capstyle="butt")
@@ -126,7 +126,7 @@ def _panel(
     ax.scatter(clock(t), value, s=dot, color=canvas.INK, linewidths=0.0, zorder=5)
     label = f"{names[pair[0]]} - {names[pair[1]]}"
     canvas.dress(ax, clock.label, "difference [µs]", label, size=9)
-    limit = MARGIN * MICRO * _baseline(recording, t, pair)
+    limit = MARGIN * MICRO * baseline(recording, t, pair)
     beyond = np.abs(value) > limit
     if np.any(beyond):
         ax.set_ylim(-limit, limit)
@@ -168,7 +168,7 @@ def _seen(recording: Recording) -> _Seen:
     return _Seen(pairs[keep], table["time_s"][keep], value[keep], alone)
 
 
-def _true(recording: Recording, truth: Truth, pair: Index) -> Array:
+def true_difference(recording: Recording, truth: Truth, pair: Index) -> Array:
     """Return the true difference (K,) of a target between two stations, s."""
     places, _ = recording.stations.at(truth.times)
     reach, _ = ranges(truth.position, places[..., pair, :])
@@ -176,7 +176,7 @@ def _true(recording: Recording, truth: Truth, pair: Index) -> Array:
     return result
 
 
-def _baseline(recording: Recording, times: Array, pair: Index) -> float:
+def baseline(recording: Recording, times: Array, pair: Index) -> float:
     """Return the largest difference that the pair can measure, s."""
     places, _ = recording.stations.at(times)
     apart = np.linalg.norm(places[..., pair[0], :] - places[..., pair[1], :], axis=-1)

@@ -102,7 +102,7 @@ def name_points(
     points: Array,
     texts: Sequence[str],
     *,
-    colour: str = INK,
+    colour: str | Sequence[str] = INK,
     keep_clear: Array | None = None,
     taken: list[Bbox] | None = None,
 ) -> list[Bbox]:
@@ -116,8 +116,8 @@ def name_points(
         What the texts belong to, in the axes' units.
     texts : sequence of str
         What to write.
-    colour : str
-        Colour of the texts.
+    colour : str or sequence of str
+        Colour of the texts, or of each.
     keep_clear : (M, 2), optional
         Points that texts should not cover, in the axes' units.
     taken : list of Bbox, optional
@@ -134,7 +134,8 @@ def name_points(
     taken = list(taken or [])
     every = points if keep_clear is None else np.concatenate([points, keep_clear])
     pixels = ax.transData.transform(every[np.isfinite(every).all(axis=-1)])
-    for point, text in zip(points, texts, strict=True):
+    inks = [colour] * len(texts) if isinstance(colour, str) else colour
+    for point, text, ink in zip(points, texts, inks, strict=True):
         if not np.all(np.isfinite(point)) or not ax.viewLim.contains(*point):
             continue
         best = None
@@ -147,7 +148,7 @@ def name_points(
                 ha="left" if dx > 0 else "right" if dx < 0 else "center",
                 va="bottom" if dy > 0 else "top" if dy < 0 else "center",
                 fontsize=8,
-                color=colour,
+                color=ink,
                 zorder=9,
                 path_effects=HALO,
                 in_layout=False,

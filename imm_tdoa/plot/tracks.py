@@ -17,6 +17,7 @@ from imm_tdoa.frames import EastNorthUp
 from imm_tdoa.plot import canvas, marks, panels
 from imm_tdoa.plot.agreement import OUTSIDE
 from imm_tdoa.plot.canvas import Clock, Unit
+from imm_tdoa.plot.emitters import emitters
 from imm_tdoa.plot.maps import Box, name_points, settle
 from imm_tdoa.plot.receivers import OVERVIEW, Receivers, overview
 from imm_tdoa.plot.scenes import many
@@ -24,6 +25,7 @@ from imm_tdoa.plot.truth import Truth
 from imm_tdoa.recording import Recording
 from imm_tdoa.stations import Stations
 from imm_tdoa.track import Track
+from imm_tdoa.tracking import Tracks
 
 ELLIPSES = 12
 SHARE = 0.4  # of the map's width that the track keeps when stations are added
@@ -46,7 +48,9 @@ def track(
     Parameters
     ----------
     track : Track or mapping of name to Track
-        One track, or several, which are drawn on one map.
+        One track, or several, which are drawn on one map. Those of a tracker that nobody told
+        whose rows are whose (`imm_tdoa.tracking.Tracks`) are drawn by number, with births, gaps
+        and ends, over the truth of all targets.
     recording : Recording, optional
         Gives stations, truth, frame and title.
     target : str, optional
@@ -73,6 +77,8 @@ def track(
     stations = stations if stations is not None or recording is None else recording.stations
     if title is None:
         title = "" if recording is None else recording.title
+    if isinstance(track, Tracks) and (recording is None or not recording.labelled):
+        return canvas.finish(emitters(track, recording, stations, title), path)
     if isinstance(track, Mapping) and len(track) != 1:
         return canvas.finish(many(track, recording, stations, title), path)
     if isinstance(track, Mapping):

@@ -18,7 +18,9 @@ from imm_tdoa.tracking.jpda import soft_update
 from imm_tdoa.tracking.rows import Association, Prediction
 
 
-def predict_rows(measurement: MeasurementModel, state: State) -> Prediction:
+def predict_rows(
+    measurement: MeasurementModel, state: State, heard: Mask | None = None
+) -> Prediction:
     """Return how each of N targets is expected to be measured at its state's time.
 
     Parameters
@@ -27,6 +29,9 @@ def predict_rows(measurement: MeasurementModel, state: State) -> Prediction:
         What is measured. None of its rows may follow from others (as all pairs of stations do).
     state : State
         Predicted states of N targets, a batch with one axis.
+    heard : (m,) bool, optional
+        Rows that the scan has any values of; the others are not predicted (their noise need not
+        be known).
 
     Raises
     ------
@@ -35,6 +40,8 @@ def predict_rows(measurement: MeasurementModel, state: State) -> Prediction:
         what one emitter's rows predict of another's is then known only of their differences.
     """
     rows, H, R = _seen(measurement, state)
+    if heard is not None:
+        rows = [np.where(heard, row, np.nan) for row in rows]
     S = [
         h @ P @ np.swapaxes(h, -1, -2) + r for h, P, r in zip(H, state.covariances, R, strict=True)
     ]

@@ -1,0 +1,78 @@
+"""How fast it is: figures with their goals, beside filterpy on the same data (`imm-tdoa bench`).
+
+What bounds the compiled recursion, by sampled time (``perf record -e cpu-clock``, addresses of
+the machine code named from the kept object file; rocketlake, 16 lanes, three modes, three
+differences in 2-D, one thread; shares of the time inside the kernel, about):
+
+========================================  =============  ==========  =====
+what                                      keep="final"   keep="all"  gate
+========================================  =============  ==========  =====
+exponentials and logarithms (libm)        18 %           30 %        17 %
+counting references to arrays (atomic)    8 %            4 %         42 %
+gain and covariance update                20 %           9 %         3 %
+mixing                                    10 %           5 %         1 %
+prediction                                10 %           5 %         2 %
+innovations: ranges, S, its factor        16 %           10 %        3 %
+gathering and storing scans and records   13 %           19 %        4 %
+fresh memory handed out by the system     1 %            14 %        0 %
+robust: judging sources, lane by lane     -              -           26 %
+========================================  =============  ==========  =====
+
+So it is bound by arithmetic, not by memory, and only half of that is linear algebra: LLVM has no
+vector form of exp and log here and calls the scalar one for each lane. With ``keep="all"`` the
+records dominate what is left: 85 numbers a target and scan, written once to memory that the
+system must clear first. What is judged against gross errors goes lane by lane and is paid with
+calls that count references.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
+
+from imm_tdoa.bench.measured import Figure, Goal, Measured, Point
+
+MEASUREMENTS: dict[str, tuple[str, str]] = {  # name: module and function
+    "batch": ("batch", "measure"),
+    "streaming": ("streaming", "measure"),
+    "source-a": ("small", "measure_source_a"),
+    "single-rows": ("small", "measure_single_rows"),
+    "engines": ("engines", "measure"),
+    "scaling": ("scaling", "measure"),
+    "memory": ("memory", "measure"),
+    "cold-start": ("cold", "measure"),
+}
+
+__all__ = ["MEASUREMENTS", "Figure", "Goal", "Measured", "Point", "run"]
+
+
+def run(
+    only: Sequence[str] = (),
+    quick: bool = False,
+    tell: Callable[[int, str], None] = lambda done, what: None,
+) -> Iterator[Measured]:
+    """Measure one thing after the other.
+
+    Parameters
+    ----------
+    only : sequence of str
+        Which of `MEASUREMENTS`; default all.
+    quick : bool
+        Smaller jobs, fewer repetitions.
+    tell : callable
+        Is told how many measurements are done and what comes next.
+
+    Raises
+    ------
+    ValueError
+        An unknown name.
+    """
+    unknown = [name for name in only if name not in MEASUREMENTS]
+    if unknown:
+        raise ValueError(f"only: expected any of {', '.join(MEASUREMENTS)}, got {unknown[0]!r}")
+    chosen = [name for name in MEASUREMENTS if not only or name in only]
+    for done, name in enumerate(chosen):
+        module, function = MEASUREMENTS[name]
+        part = import_module(f"imm_tdoa.bench.{module}")
+        size = part.QUICK if quick else part.FULL
+        yield getattr(part, function)(size, lambda what, done=done: tell(done, what))

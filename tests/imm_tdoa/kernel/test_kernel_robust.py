@@ -1,0 +1,129 @@
+"""Gross errors and lost tracks: the compiled robust filters against the NumPy ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from kernel_cases import SPEED, Case, assert_alike, assert_engines_agree, cases, station_array
+
+from imm_tdoa import IMM, Bank
+from imm_tdoa.models import (
+    FDOA,
+    TDOA,
+    TOA,
+    ConstantAcceleration,
+    ConstantVelocity,
+    Position,
+    Stack,
+    Static,
+)
+
+TRIED = settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True
+)
+BANK = Bank(
+    [Static(psd=1.0), ConstantVelocity(psd=1.0), ConstantAcceleration(psd=0.1)], mean_sojourn=20.0
+)
+STATIONS = station_array(2, np.random.default_rng(1), count=6, moving=False)
+
+
+@TRIED
+@given(cases("gate"))
+def test_the_gates_agree(case):
+    assert_engines_agree(case)
+
+
+@TRIED
+@given(cases("student-t"))
+def test_the_tails_agree(case):
+    assert_engines_agree(case)
+
+
+def disturbed(measurement, targets, T, gross, size, robust, seed=0, **more):
+    """Emitters on straight courses; each row is off by `size` sigmas with probability `gross`."""
+    rng = np.random.default_rng(seed)
+    times = np.arange(1.0, T + 1.0)
+    velocity = np.broadcast_to(rng.uniform(-40.0, 40.0, (targets, 1, 2)), (targets, T, 2))
+    place = rng.uniform(-3e3, 3e3, (targets, 1, 2)) + velocity * times[:, None]
+    clean = measurement.predict(place, velocity, times)
+    sigma = np.sqrt(np.diag(measurement.noise_covariance(place[0, 0], velocity[0, 0], 0.0)))
+    off = np.where(rng.random(clean.shape) < gross, size, 0.0) * rng.choice([-1, 1], clean.shape)
+    off[:, :2] = 0.0
+    values = (clean + sigma * (rng.normal(size=clean.shape) + off)) / measurement.scale
+    imm = IMM(BANK, measurement, robust=robust, **more)
+    start = imm.start(0.0, place[:, 0] - velocity[:, 0], 900.0 * np.eye(2))
+    return Case(imm, times, values, start)
+
+
+@pytest.mark.parametrize("robust", ["gate", "student-t"])
+@pytest.mark.parametrize("targets", [1, 5, 12])
+@pytest.mark.parametrize(
+    "measurement",
+    [
+        TDOA(STATIONS, toa_sigma=3.0 / SPEED),
+        TDOA(STATIONS, tdoa_sigma=3.0 / SPEED, pairs=[[1, 0], [2, 1], [2, 0], [3, 4]]),
+        TDOA(STATIONS, toa_sigma=3.0 / SPEED, pairs=[[1, 0], [2, 1], [2, 0], [3, 4], [5, 4]]),
+        TOA(STATIONS, sigma=3.0 / SPEED),
+        Stack(TOA(STATIONS, sigma=3.0 / SPEED), FDOA(STATIONS, range_rate_sigma=0.5)),
+        Position(10.0),
+    ],
+    ids=["tdoa", "tdoa-own", "tdoa-loop", "toa", "stack", "position"],
+)
+def test_gross_errors(measurement, targets, robust):
+    """A fifth of the rows off by 20 and by 10 000 sigmas."""
+    for size in (20.0, 1e4):
+        case = disturbed(measurement, targets, 8, 0.2, size, robust)
+        assert_engines_agree(case)
+
+
+@pytest.mark.parametrize("robust", ["gate", "student-t"])
+@pytest.mark.parametrize("targets", [1, 12])
+def test_a_lost_track_opens_and_is_found_again(targets, robust):
+    """30 scans of outliers, then good ones; only some of the targets, at times of their own."""
+    measurement = TDOA(STATIONS, toa_sigma=3.0 / SPEED)
+    case = disturbed(measurement, targets, 45, 0.0, 0.0, robust, reopen_after=3)
+    values = np.array(case.values)
+    rng = np.random.default_rng(2)
+    away = rng.uniform(-3e-6, 3e-6, (targets, 30, 5))
+    for target in range(0, targets, 3):
+        first = 4 + target // 3
+        values[target, first : first + 30] += away[target]
+    for keep in ("all", "every 7", "final"):
+        track = assert_engines_agree(case._replace(values=values), keep=keep)
+    whole = case._replace(values=values).run("compiled", threads=2)
+    assert whole.lost[0].any() and whole.reopened[0].any()
+    assert not whole.lost[:, -1].any()
+    assert not track.lost[..., -1].any()
+    if targets > 1:
+        assert not whole.lost[1].any()
+        for shared in (values[0], values[:1]):
+            near = case.imm.start(0.0, case.start.means[0][:1] + np.zeros((12, 1)), np.eye(2) * 9e2)
+            assert_engines_agree(case._replace(values=shared, start=near), keep="every 11")
+
+
+@pytest.mark.parametrize("robust", ["gate", "student-t"])
+def test_lost_tracks_with_pairs_of_their_own(robust):
+    """A lost target goes through the plain cycle, with the pairs and stations of its scan."""
+    measurement = TDOA(STATIONS, toa_sigma=3.0 / SPEED)
+    case = disturbed(measurement, 12, 24, 0.0, 0.0, robust, reopen_after=3)
+    values = np.array(case.values)
+    values[::2, 4:16] += np.random.default_rng(2).uniform(-3e-6, 3e-6, (6, 12, 5))
+    plain = case._replace(values=values).run("numpy")
+    own = np.broadcast_to(measurement.pairs, (12, 24, 5, 2)).copy()
+    own[::3, ::2] = own[::3, ::2, :, ::-1]
+    values[::3, ::2] *= -1.0
+    want = assert_engines_agree(case._replace(values=values, pairs=own))
+    assert want.lost.any()
+    assert_alike(want, plain, 1e-6)
+    own_times = case.times + np.linspace(0.0, 0.5, 12)[:, None]
+    assert_engines_agree(case._replace(values=values, pairs=own, times=own_times))
+
+
+@pytest.mark.parametrize("robust", ["gate", "student-t"])
+def test_targets_that_begin_later_are_trusted_from_then(robust):
+    case = disturbed(TDOA(STATIONS, toa_sigma=3.0 / SPEED), 12, 10, 0.1, 50.0, robust)
+    values = np.array(case.values)
+    for target in range(5):
+        values[target, :target] = np.nan
+    assert_engines_agree(case._replace(values=values, start=None))
