@@ -16,6 +16,7 @@ def array(
     shape: Sequence[int | str | None] | None = None,
     *,
     finite: bool = True,
+    copy: bool = True,
 ) -> Array:
     """Return `value` as a read-only float array, or raise a ValueError that names it.
 
@@ -30,9 +31,11 @@ def array(
         the message. ``None`` as the first entry allows any leading batch axes.
     finite : bool
         Refuse NaN and infinity; when False only infinity is refused (NaN means missing).
+    copy : bool
+        Copy what is an array of floats already; without, large data is not kept twice.
     """
     try:
-        result = np.array(value, dtype=float)
+        result = np.array(value, dtype=float) if copy else np.asarray(value, dtype=float).view()
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name}: expected numbers, got {value!r}") from error
     if shape is not None:
@@ -48,13 +51,18 @@ def array(
             raise ValueError(f"{name}: expected shape {text}, got {result.shape}")
     if finite and not np.all(np.isfinite(result)):
         raise ValueError(f"{name}: expected finite numbers, {_first_bad(~np.isfinite(result))}")
-    if not finite and np.any(np.isinf(result)):
+    if not finite and result.size and _infinite(result):
         raise ValueError(
             f"{name}: infinite values are refused (NaN marks a missing value), "
             f"{_first_bad(np.isinf(result))}"
         )
     result.setflags(write=False)
     return result
+
+
+def _infinite(a: Array) -> bool:
+    """Whether any number is infinite; no array as large as `a` is made to find out."""
+    return bool(np.isinf(np.fmax.reduce(a, axis=None)) or np.isinf(np.fmin.reduce(a, axis=None)))
 
 
 def _first_bad(bad: np.ndarray[Any, np.dtype[np.bool_]]) -> str:

@@ -14,7 +14,7 @@ from imm_tdoa.bounds.fix import fisher_information
 from imm_tdoa.contract import AXES, Array, Index, Mask, MeasurementModel
 from imm_tdoa.locate.normal import inverse
 from imm_tdoa.recording import Recording
-from imm_tdoa.track import Track
+from imm_tdoa.tracking import Tracks
 
 FIXES = 3.0  # standard deviations of a fix that a track may be away from its target
 SCORED = 2000  # scans that are scored, evenly spread, where there are more
@@ -129,11 +129,10 @@ class Following:
 
 
 def follow(
-    tracks: Mapping[str, Track],
+    tracks: Tracks,
     recording: Recording,
-    times: Any,
+    times: Any = None,
     *,
-    confirmed: Mapping[str, float] | None = None,
     cutoff: float | None = None,
     measurement: MeasurementModel | None = None,
 ) -> Following | None:
@@ -141,14 +140,13 @@ def follow(
 
     Parameters
     ----------
-    tracks : mapping of name to Track
-        As `imm_tdoa.Tracker` gives them; each has a row at every scan at which it was there.
+    tracks : Tracks
+        As `imm_tdoa.Tracker` gives them. They count from their confirmation on.
     recording : Recording
         Whose truth counts.
-    times : (T,)
-        Times of the scans, s, in order. Only those count at which some truth is known.
-    confirmed : mapping of name to float, optional
-        When each track was confirmed, s; before that it does not count.
+    times : (T,), optional
+        Times of the scans, s; default those of the truth. Only those count at which some truth
+        is known; a track is there at those at which it has a row.
     cutoff : float, optional
         Largest distance at which a track follows a target, m. Default: three standard deviations
         of a fix from a single scan of `measurement`, the median over the truth.
@@ -162,7 +160,8 @@ def follow(
     """
     if recording.truth is None:
         return None
-    every = np.unique(_validate.array("times", times, ("T",)))
+    given = recording.truth["time_s"] if times is None else times
+    every = np.unique(_validate.array("times", given, ("T",)))
     clock = every[np.unique(np.linspace(0, len(every) - 1, SCORED).astype(int))]
     names = tuple(dict.fromkeys(recording.truth["target"].tolist()))
     whole = np.stack([recording.truth_at(name, clock)[0] for name in names])
@@ -176,11 +175,10 @@ def follow(
         cutoff = None if measurement is None else _cutoff(measurement, whole, clock, i)
     if cutoff is None:
         return None
-    begun = {} if confirmed is None else confirmed
     place = np.full((len(tracks), len(clock), len(i)), np.nan)
     for n, (name, track) in enumerate(tracks.items()):
         row = np.searchsorted(track.times, clock, side="right") - 1
-        there = (row >= 0) & (clock <= track.times[-1]) & (clock >= begun.get(name, -np.inf))
+        there = (row >= 0) & (clock <= track.times[-1]) & (clock >= tracks.lives[name].confirmed)
         there[there] = track.times[row[there]] == clock[there]
         place[n, there] = track.position[row[there]][:, i]
     return Following(clock, names, tuple(tracks), whole[..., i], place, cutoff)

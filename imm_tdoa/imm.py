@@ -220,7 +220,7 @@ class IMM:
             done = None if quick is None else quick.take(state, time, values)
             if done is not None:
                 return done
-        self._refuse_foreign("state", state)
+        state = self._own("state", state)
         own = measurement is None
         measurement = self.measurement if measurement is None else measurement
         if pairs is not None:
@@ -276,11 +276,13 @@ class IMM:
             self._compiled["stepper"] = known
         return known
 
-    def _refuse_foreign(self, name: str, state: State) -> None:
+    def _own(self, name: str, state: State) -> State:
+        """Return the state as one of this IMM; another that made it may have another birth law."""
         if not isinstance(state, State) or state.space.modes != self.space.modes:
             raise ValueError(
                 f"{name}: expected a state of this bank's modes, as IMM.start makes it"
             )
+        return state if state.space is self.space else attrs.evolve(state, space=self.space)
 
     def run(
         self,
@@ -337,7 +339,7 @@ class IMM:
         if start is None:
             state, first = initiation.start_from_scans(self, scans)
         else:
-            self._refuse_foreign("start", start)
+            start = self._own("start", start)
             own = start.log_likelihood.shape
             batch = _validate.fitting(start=own, times_and_values=scans.batch)
             _validate.refuse_backwards("times", "start", start.time, scans.times[..., 0])

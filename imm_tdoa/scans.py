@@ -59,7 +59,8 @@ class Scans:
                 raise ValueError(f"pairs: expected shape ({T}, m, 2), got {pairs.shape}")
             measurement.with_pairs(pairs)  # refuses what is wrong in any scan
             measurement = measurement.with_pairs(pairs[..., 0, :, :])
-        values = _validate.array("values", values, (None, T, measurement.size), finite=False)
+        shape = (None, T, measurement.size)
+        values = _validate.array("values", values, shape, finite=False, copy=False)
         batch = _fit("times", times.shape[:-1], values.shape[:-2])
         if pairs is not None and _fit("pairs", pairs.shape[:-3], batch) != batch:
             raise ValueError(

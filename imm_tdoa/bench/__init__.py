@@ -39,6 +39,7 @@ MEASUREMENTS: dict[str, tuple[str, str]] = {  # name: module and function
     "single-rows": ("small", "measure_single_rows"),
     "engines": ("engines", "measure"),
     "scaling": ("scaling", "measure"),
+    "emitters": ("emitters", "measure"),
     "memory": ("memory", "measure"),
     "cold-start": ("cold", "measure"),
 }

@@ -22,6 +22,8 @@ PANELS = {
     "modes": "modes in the bank",
     "stations": "stations",
     "threads": "threads",
+    "labelled": "labelled aircraft, 20 stations",
+    "unlabelled": "unlabelled emitters, 8 stations",
 }
 MET, MISSED = "#009E73", "#D55E00"
 COLOURS = (canvas.TRACK, "#E69F00")

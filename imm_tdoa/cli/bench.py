@@ -30,6 +30,7 @@ class Part(StrEnum):
     SINGLE_ROWS = "single-rows"
     ENGINES = "engines"
     SCALING = "scaling"
+    EMITTERS = "emitters"
     MEMORY = "memory"
     COLD_START = "cold-start"
 
@@ -64,6 +65,7 @@ def bench(
     * **single-rows**: one target, 30000 differences one pair at a time
     * **engines**: NumPy against compiled, and what gate and student-t cost
     * **scaling**: cost against targets (to a million), scans, modes, stations, threads
+    * **emitters**: time per scan of 10 to 200 labelled aircraft, of 5 to 50 unlabelled emitters
     * **memory**: a million targets through 50 scans
     * **cold-start**: import, the shipped sample, and compiling, in fresh processes
 

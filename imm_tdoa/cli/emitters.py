@@ -135,7 +135,6 @@ def _compared(
         tracks,
         data,
         [scan.time for scan in rows.scans],
-        confirmed={name: life.confirmed for name, life in tracks.lives.items()},
         cutoff=wishes.cutoff,
         measurement=rows.measurement,
     )

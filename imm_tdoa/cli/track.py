@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import attrs
 import typer
 
+from imm_tdoa import _validate
 from imm_tdoa.cli import output, recordings, track_report
 from imm_tdoa.cli.emitters import AssociatorName, Wishes, track_unlabelled
 from imm_tdoa.cli.recordings import RecordingFolder, RobustOption, Targets
@@ -145,6 +146,8 @@ def track(
         detection_probability=detection_probability,
         cutoff=cutoff,
     )
+    if cutoff is not None:
+        _validate.positive("--cutoff", cutoff)
     if hide_labels or not data.labelled:
         _refuse_for_unlabelled(target, engine)
         track_unlabelled(without_labels(data), chosen, wishes, facts, home)

@@ -29,14 +29,20 @@ def spread(array: Any, trailing: int, targets: int) -> Any:
         own = math.prod(batch[:-1])
         assert own in (1, targets)
         array = array.reshape(own, *array.shape[array.ndim - trailing - 1 :])
-    return np.ascontiguousarray(array)
+    return plain(array)
+
+
+def plain(array: Any) -> Any:
+    """Return a contiguous array that may be written to, the same one where it is such.
+
+    To Numba any other kind is another type, for which it would compile the kernel anew.
+    """
+    result = np.ascontiguousarray(array)
+    return result if result.flags.writeable else result.copy()
 
 
 def untouchable(array: Any) -> Array:
-    """Return a contiguous read-only view or copy; to Numba one that may be written is another type.
-
-    The kernel would be compiled anew for it.
-    """
+    """Return a contiguous view that may not be written to; see `plain`. Large arrays stay as is."""
     result = np.ascontiguousarray(array, dtype=float).view()
     result.setflags(write=False)
     return result
@@ -84,10 +90,10 @@ def feed(
         usable = np.zeros((0, 0, m), dtype=np.int64)
     return Feed(
         tables=tables,
-        step=np.ascontiguousarray(step, dtype=np.int64).reshape(-1, T),
+        step=plain(np.asarray(step, dtype=np.int64)).reshape(-1, T),
         values=untouchable(values),
-        since=np.ascontiguousarray(since, dtype=np.int64),
-        usable=np.ascontiguousarray(usable, dtype=np.int64),
+        since=plain(np.asarray(since, dtype=np.int64)),
+        usable=plain(np.asarray(usable, dtype=np.int64)),
         noise=spread(noise, 2, B),
         place=spread(place, 2, B),
         speed=spread(speed, 2, B),
@@ -184,7 +190,7 @@ def robust(
         constant=float(constant),
         digamma=float(digamma(a)),
         patience=imm.reopen_after,
-        time=np.ascontiguousarray(times, dtype=float),
+        time=plain(np.asarray(times, dtype=float)),
         directions=spread(np.asarray(D, dtype=float), 2, B),
         variance=spread(np.asarray(variance, dtype=float), 1, B),
         trust=trust,

@@ -25,7 +25,8 @@ def _digest() -> str:
     whole = hashlib.sha256()
     for name in SOURCES:
         whole.update((folder / f"{name}.py").read_bytes())
-    whole.update((folder.parent / "robust.py").read_bytes())
+    for name in ("makeup", "robust"):
+        whole.update((folder.parent / f"{name}.py").read_bytes())
     return whole.hexdigest()[:16]
 
 

@@ -11,7 +11,7 @@ from imm_tdoa.contract import Array, Index
 from imm_tdoa.kernel import robust
 from imm_tdoa.kernel.layout import Robust
 from imm_tdoa.kernel.memory import Where
-from imm_tdoa.kernel.vectors import compiled
+from imm_tdoa.kernel.vectors import allocating, compiled
 
 REJECTED, USED, LOST, SINCE, SNAPSHOT = 0, 1, 2, 3, 4  # columns of the trust records
 
@@ -85,7 +85,7 @@ def _neutral(M: Array, at: Where, q: int, k: int, lane: int, columns: Index) -> 
     M[R + k * m + k, lane] = 1.0
 
 
-@compiled
+@allocating
 def read(
     M: Array,
     at: Where,

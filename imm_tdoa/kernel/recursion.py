@@ -14,12 +14,12 @@ from imm_tdoa.contract import Array, Index
 from imm_tdoa.kernel import gathering, looking, mixing, reading, updating, weighing
 from imm_tdoa.kernel.layout import Feed, Record, Robust, Spec, record
 from imm_tdoa.kernel.memory import Where, lay_out
-from imm_tdoa.kernel.vectors import Lanes, compiled, get, put
+from imm_tdoa.kernel.vectors import Lanes, allocating, compiled, get, put
 
 FINE, INDEFINITE, IMPOSSIBLE, REOPENS, INFINITE = 0, 1, 2, 3, 4
 
 
-@compiled
+@allocating
 def run(
     lanes: Lanes,
     spec: Spec,
@@ -279,7 +279,7 @@ def update(
 _record = compiled(record)
 
 
-@compiled
+@allocating
 def step(
     lanes: Lanes,
     ints: Index,

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from imm_tdoa.contract import Array
-from imm_tdoa.kernel.vectors import compiled
+from imm_tdoa.kernel.vectors import allocating, compiled
 from imm_tdoa.robust import AMBIGUOUS, ROUNDS, SETTLED, TESTABLE
 
 LOG_2PI = math.log(2.0 * math.pi)
@@ -56,7 +56,9 @@ def whitened(C: Array, y: Array, present: Array, w: Array) -> None:
 @compiled
 def log_sum(values: Array) -> float:
     """Log of the sum of exponentials."""
-    top = np.max(values)
+    top = -np.inf
+    for value in values:
+        top = max(top, value)
     if not math.isfinite(top):
         return top
     total = 0.0
@@ -99,7 +101,7 @@ def _judge(
     return -0.5 * (square + log_det), log_det, True
 
 
-@compiled
+@allocating
 def gate(
     log_weight: Array,
     nu: Array,
@@ -191,7 +193,7 @@ def gate(
     return price, bool(2.0 * kept <= before and before > 0.0), True
 
 
-@compiled
+@allocating
 def _eliminate(c: int, nu: Array, S: Array, H: Array, R: Array, present: Array, d: Array) -> None:
     """Combine the rows so that the error along column c of d occurs in none, and one row goes."""
     q, parts = len(present), len(nu)
@@ -242,7 +244,7 @@ def _congruent(S: Array, ratio: Array, pivot: int) -> None:
                 S[i, k] -= ratio[k] * S[i, pivot]
 
 
-@compiled
+@allocating
 def student_t(
     log_weight: Array,
     nu: Array,

@@ -132,7 +132,7 @@ class Stepper:
         if type(state) is PackedState and state._plan is plan:
             record, like, before = state._record.copy(), state._like, float(state._time)
         elif isinstance(state, State) and state.log_likelihood.ndim == 0:
-            if state.space.modes != self.imm.space.modes:
+            if state.space is not self.imm.space:
                 return None
             record, like, before = np.empty(plan.record.size), state, float(state.time)
             feeding.records(plan, state, (), record, anew=True)

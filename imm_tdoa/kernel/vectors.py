@@ -181,9 +181,22 @@ def _choose(typing: Any, mask: Any, yes: Any, no: Any) -> Any:
 
 
 def compiled(function: Any) -> Any:
+    """Compile a function that makes no arrays: it may leave the counting of references out.
+
+    Counting takes an atomic instruction for each array argument of each call.
+    """
+    return _jit(function, _nrt=False)
+
+
+def allocating(function: Any) -> Any:
+    """Compile a function that makes arrays."""
+    return _jit(function)
+
+
+def _jit(function: Any, **options: Any) -> Any:
     """Compile `function` when it is first called (`machine` keeps the machine code on disk)."""
     # error_model: a division may give inf, without a branch
-    return numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})(function)
+    return numba.njit(nogil=True, error_model="numpy", fastmath={"contract"}, **options)(function)
 
 
 SWITCHED_OFF = bool(getattr(config, "DISABLE_JIT"))  # noqa: B009 - set at run time

@@ -16,16 +16,18 @@ from imm_tdoa.kernel.vectors import Lanes, compiled, exp, fill, get, log, put
 def judge(lanes: Lanes, M: Array, at: Where, q: int) -> bool:
     """Normalised innovation squared against the moments of the whole bank; whether it has one."""
     r, m = at.r, at.m
+    for j in range(r):  # in the place of the mixing weights, which have done their work
+        put(lanes, M, at.w + j, exp(get(lanes, M, at.log_c + j)))
     for i in range(q):
         middle = fill(lanes, 0.0)
         for j in range(r):
-            share = exp(get(lanes, M, at.log_c + j))
+            share = get(lanes, M, at.w + j)
             middle = middle + share * get(lanes, M, at.nu + j * m + i)
         put(lanes, M, at.mean + i, middle)
         for k in range(i + 1):
             total = fill(lanes, 0.0)
             for j in range(r):
-                share = exp(get(lanes, M, at.log_c + j))
+                share = get(lanes, M, at.w + j)
                 di = get(lanes, M, at.nu + j * m + i) - middle
                 dk = get(lanes, M, at.nu + j * m + k) - get(lanes, M, at.mean + k)
                 own = get(lanes, M, at.S_ + j * m * m + i * m + k)

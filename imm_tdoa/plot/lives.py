@@ -17,6 +17,7 @@ from imm_tdoa.tracking import Tracks
 
 LEAST, MOST = 2.6, 14.0  # height of the picture, inches
 EACH = 0.24  # per line, inches
+MISSED = 20  # lines of targets that nobody followed; more are counted
 ENDS = ("x", "s", "v", "^", "P", "*")  # a marker per reason why tracks ended
 
 
@@ -35,7 +36,7 @@ def lives(
         What a tracker found.
     following : Following, optional
         Which target each track follows: the targets' own lives are drawn behind the tracks that
-        followed them most, those that nobody followed beneath.
+        followed them most, those that none followed beneath.
     title : str
         Heading.
     path : str or Path, optional
@@ -68,7 +69,10 @@ def lives(
     ax.set_yticks(range(len(lines)), labels, fontsize=8 if len(lines) <= 40 else 6)
     canvas.dress(ax, clock.label, "track", title)
     ax.grid(axis="y", visible=False)
-    canvas.legend(side, _handles(reasons, tracks, following is not None, len(tracks) < len(lines)))
+    note = _more(following, tracks, lines)
+    canvas.legend(
+        side, _handles(reasons, tracks, following is not None, len(tracks) < len(lines)), note
+    )
     return canvas.finish(figure, path)
 
 
@@ -78,14 +82,26 @@ def _lines(tracks: Tracks, following: Following | None) -> list[tuple[str | None
         return [(name, None) for name in tracks]
     main = following.main
     missed = [w for w, m in zip(following.targets, following.present, strict=True) if m.any()]
-    missed = [w for w in missed if w not in main.values()]
+    missed = [w for w in missed if w not in main.values()][:MISSED]
     return [*((name, main.get(name)) for name in tracks), *((None, w) for w in missed)]
+
+
+def _more(
+    following: Following | None, tracks: Tracks, lines: list[tuple[str | None, str | None]]
+) -> str:
+    if following is None:
+        return ""
+    there = int(np.count_nonzero(following.present.any(axis=1)))
+    more = there - len(set(following.main.values())) - (len(lines) - len(tracks))
+    return f"{more} more emitters that no track followed" if more > 0 else ""
 
 
 def _truth(ax: Axes, clock: Clock, following: Following, who: str, y: int, thick: float) -> None:
     there = following.present[following.targets.index(who)]
     for a, b in colours.pieces(there):
         ends = clock(following.times[[a, b]])
+        if a == b:
+            ax.plot(ends[0], y, marker="|", color=canvas.TRUTH, markersize=2.0 * thick)
         ax.plot(
             ends, [y, y], color=canvas.TRUTH, alpha=0.35, linewidth=2.0 * thick,
             solid_capstyle="butt", zorder=1,
@@ -112,6 +128,10 @@ def _life(
             ax.plot([t[a], t[b + 1]], [y, y], linewidth=width * thick, **flat)
     for a, b in colours.pieces(coasting & shown[1:]):
         ax.plot([t[a], t[b + 1]], [y, y], color=colour, linewidth=1.2, linestyle=":", zorder=3)
+    ax.plot(
+        clock(life.confirmed), y, color=colour, linestyle="", zorder=3,
+        marker="|", markersize=1.6 * thick, markeredgewidth=1.5,
+    )  # fmt: skip
     if life.ended is not None:
         ends = [clock(life.heard), clock(life.ended)]
         ax.plot(ends, [y, y], color=colour, linewidth=1.2, linestyle=":", zorder=3)

@@ -15,7 +15,7 @@ from imm_tdoa.following import Following
 from imm_tdoa.plot import canvas
 from imm_tdoa.plot.canvas import Clock, Unit
 
-LOCAL, MISSED, FALSE = "#0072B2", "#D55E00", "#CC79A7"
+LOCAL, MISSED, FALSE = "#0072B2", "#E69F00", "#B0307A"
 
 
 def gospa(following: Following, *, title: str = "", path: str | Path | None = None) -> Figure:
@@ -82,16 +82,15 @@ def _counts(ax: Axes, side: Axes, following: Following, t: Array) -> None:
         *ax.plot(t, there, color=canvas.TRUTH, linewidth=4.0, alpha=0.6, label="emitters", **steps),
         *ax.plot(t, alive, color=canvas.INK, linewidth=1.2, label="tracks", **steps),
     ]
-    parts = (
-        (following.missed, MISSED, "emitters without a track"),
-        (following.false, FALSE, "tracks without an emitter"),
+    word = "emitters without a track"
+    area = ax.fill_between(
+        t, following.missed, step="mid", color=MISSED, alpha=0.45, linewidth=0.0, label=word
     )
-    for value, colour, word in parts:
-        handles.append(
-            ax.fill_between(
-                t, value, step="mid", color=colour, alpha=0.6, linewidth=0.0, label=word
-            )
-        )
+    word = "tracks without an emitter"
+    handles += [
+        area,
+        *ax.plot(t, following.false, color=FALSE, linewidth=1.6, label=word, **steps),
+    ]
     canvas.dress(ax, "", "number")
     ax.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     note = "A track that has lost its emitter counts until it is ended." if outlived else ""

@@ -12,6 +12,7 @@ from imm_tdoa.tracking import batches
 from imm_tdoa.tracking.clutter import bounds
 from imm_tdoa.tracking.door import at_the_door, refuse_foreign
 from imm_tdoa.tracking.judging import judged
+from imm_tdoa.tracking.lookback import Heard
 from imm_tdoa.tracking.rows import Unlabelled
 from imm_tdoa.tracking.scene import Record, Scene, counted
 from imm_tdoa.tracking.settings import Settings
@@ -74,7 +75,8 @@ def advance(settings: Settings, scene: Scene, scan: Scan) -> Scene:
         usual=usual,
         ignored=counted(scene.ignored, ignored),
     )
-    scene, members, share = judged(settings, scene, members, share)
+    now = Heard(scan.time, scene.scans - 1, left.values, left.row, density)
+    scene, members, share = judged(settings, scene, now, members, share)
     left = less(left, values_of(members[scene.settled], len(scan)))
     scene, members, share = _begun(settings, scene, left, density, members, share)
     record = Record.of(scan.time, scene.scans - 1, scene.identity, scene.state, members, share)
@@ -86,7 +88,7 @@ def _predicted(settings: Settings, scene: Scene, time: float) -> State:
     if N == 0:
         return scene.state
     nothing = np.full((N, m), np.nan)
-    return batches.whole(settings.imm.step(scene.state, np.full(N, time), nothing))
+    return batches.whole(settings.imm.step(scene.state, np.full(N, time), nothing, engine="numpy"))
 
 
 def _stand(
@@ -154,6 +156,7 @@ def _begun(
         scene.scans - 1,
         scene.memory.dims,
         scene.time,
+        births.past[:B],
     )
     scene = attrs.evolve(
         scene,

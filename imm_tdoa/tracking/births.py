@@ -18,7 +18,7 @@ from imm_tdoa.tracking.combinations import Candidates, Combining, extent, own_va
 from imm_tdoa.tracking.lookback import Heard
 from imm_tdoa.tracking.merit import merit, noise_variance
 from imm_tdoa.tracking.rows import Unlabelled
-from imm_tdoa.tracking.standing import WINDOW
+from imm_tdoa.tracking.standing import TOLD, UNKNOWN, WINDOW
 
 REACHABLE = 0.999  # quantile of the distance between two fixes of one emitter
 AMPLE = 2  # rows beyond need with which ghosts do not pass for targets
@@ -35,6 +35,8 @@ class Memory:
         When each was made, s, and in which scan.
     position, covariance : (F, d), (F, d, d)
         The fixes.
+    members : (F, m)
+        Which value of its scan each row had; -1 none.
     log_odds : (F,)
         How much likelier its values were from one emitter than false.
     merit : (F,)
@@ -47,6 +49,7 @@ class Memory:
     scan: Index
     position: Array
     covariance: Array
+    members: Index
     log_odds: Array
     merit: Array
     heard: tuple[Heard, ...] = ()
@@ -57,11 +60,12 @@ class Memory:
         return int(self.position.shape[1])
 
     @classmethod
-    def none(cls, dims: int) -> Memory:
+    def none(cls, dims: int, size: int) -> Memory:
         """No fixes."""
         empty = np.zeros(0)
         place, covariance = np.zeros((0, dims)), np.zeros((0, dims, dims))
-        return cls(empty, empty.astype(np.int64), place, covariance, empty, empty)
+        nobody = np.zeros((0, size), dtype=np.int64)
+        return cls(empty, empty.astype(np.int64), place, covariance, nobody, empty, empty)
 
     def with_fixes(self, found: Candidates, time: float, scan: int) -> Memory:
         """Return it with the candidates of a scan."""
@@ -71,6 +75,7 @@ class Memory:
             np.concatenate([self.scan, np.full(F, scan)]),
             np.concatenate([self.position, found.position]),
             np.concatenate([self.covariance, found.covariance]),
+            np.concatenate([self.members, found.members]),
             np.concatenate([self.log_odds, found.log_odds]),
             np.concatenate([self.merit, found.merit]),
             self.heard,
@@ -78,7 +83,7 @@ class Memory:
 
     def part(self, which: Any) -> Memory:
         """Return some of the fixes."""
-        names = ("time", "scan", "position", "covariance", "log_odds", "merit")
+        names = ("time", "scan", "position", "covariance", "members", "log_odds", "merit")
         return attrs.evolve(self, **{name: getattr(self, name)[which] for name in names})
 
 
@@ -95,6 +100,8 @@ class Births(NamedTuple):
         Log of how much likelier the values of its fixes are from a target than false.
     gains, merits : (B, W)
         Log-ratio and merit of each of the last scans, newest first; NaN where not known.
+    past : (B, TOLD, m)
+        Which values they had, as in `Standing.own`.
     memory : Memory
         What to remember for the next scans.
     ignored : mapping of str to int
@@ -106,6 +113,7 @@ class Births(NamedTuple):
     log_ratio: Array
     gains: Array
     merits: Array
+    past: Index
     memory: Memory
     ignored: dict[str, int]
 
@@ -209,7 +217,8 @@ class PairedFixes:
             first = found.part(np.arange(len(found.merit))[some])
             gains, merits = np.full((2, len(first.merit), WINDOW), np.nan)
             gains[:, 0], merits[:, 0] = first.log_odds, first.merit
-            return Births(state, first.members, first.log_odds, gains, merits, kept, ignored)
+            had = np.full((len(gains), TOLD, measurement.size), UNKNOWN, dtype=np.int64)
+            return Births(state, first.members, first.log_odds, gains, merits, had, kept, ignored)
         now, then, apart, over = self._pairs(imm, memory, found, time, moving)
         if over:
             ignored["births over the cap"] = over
@@ -220,14 +229,15 @@ class PairedFixes:
             memory = attrs.evolve(memory, heard=past)
         if not len(now):
             gains = np.zeros((0, WINDOW))
-            return Births(None, found.members[now], np.zeros(0), gains, gains, kept, ignored)
-        state, ratio, gains, merits = self._led(
+            had = np.zeros((0, TOLD, measurement.size), dtype=np.int64)
+            return Births(None, found.members[now], np.zeros(0), gains, gains, had, kept, ignored)
+        state, ratio, gains, merits, had = self._led(
             imm, measurement, time, scan, density, memory, found, now, then, number
         )
         if one_message:
             ratio = apart + measurement.dims * np.log(extent(measurement, time))
             gains[:, 0] = merits[:, 0] = ratio
-        return Births(state, found.members[now], ratio, gains, merits, kept, ignored)
+        return Births(state, found.members[now], ratio, gains, merits, had, kept, ignored)
 
     def _led(
         self,
@@ -241,21 +251,22 @@ class PairedFixes:
         now: Index,
         then: Index,
         number: int,
-    ) -> tuple[State, Array, Array, Array]:
-        """States (B,) of the pairs now, log-ratios, and gains and merits (B, W) until now."""
+    ) -> tuple[State, Array, Array, Array, Index]:
+        """States (B,) of the pairs now, log-ratios, gains and merits (B, W), and values had."""
         heard = np.isin(np.arange(measurement.size), scan.row[np.isfinite(scan.values)])
         led = scan.emission is None and np.count_nonzero(heard) < measurement.dims + AMPLE
         P_D = self.detection_probability
         hit, miss = np.log(P_D) - np.log(density), np.log1p(-min(P_D, 0.999))
         gains, merits = np.full((2, len(now), WINDOW), np.nan)
         ratio = np.zeros(len(now))
+        own = np.full((len(now), WINDOW, measurement.size), UNKNOWN, dtype=np.int64)
         parts, places = [], []
         for s in np.unique(memory.scan[then]).tolist():
             some = np.flatnonzero(memory.scan[then] == s)
             old, new = memory.part(then[some]), found.part(now[some])
             ago = min(number - s, WINDOW - 1)
             gains[some, ago], merits[some, ago] = old.log_odds, old.merit
-            ratio[some] = old.log_odds
+            ratio[some], own[some, ago] = old.log_odds, old.members
             state = batches.whole(imm.start(old.time, old.position, old.covariance))
             between = [h for h in memory.heard if h.scan > s] if led else []
             if between:
@@ -269,6 +280,7 @@ class PairedFixes:
                 for h, said in zip(between, more, strict=True):
                     gains[some, number - h.scan] = said.gain
                     merits[some, number - h.scan] = said.merit
+                    own[some, number - h.scan] = said.members
             z = own_values(measurement, scan, new.members)
             state, change = _taken_in(imm, state, time, z)
             rows = np.where(np.isfinite(z), hit, np.where(heard, miss, 0.0))
@@ -288,10 +300,12 @@ class PairedFixes:
             for h, said in zip(past, lookback.before(imm, state, past, P_D), strict=True):
                 gains[some, number - h.scan] = said.gain
                 merits[some, number - h.scan] = said.merit
+                own[some, number - h.scan] = said.members
             parts.append(state)
             places.append(some)
         order = np.argsort(np.concatenate(places), kind="stable")
-        return batches.select(batches.join(parts), order), ratio, gains, merits
+        state = batches.select(batches.join(parts), order)
+        return state, ratio, gains, merits, own[:, :TOLD]
 
     def _pairs(
         self, imm: IMM, memory: Memory, found: Candidates, time: float, speed: Array
@@ -351,6 +365,8 @@ def _swerve(imm: IMM, dt: Array) -> Array:
 
 def _taken_in(imm: IMM, state: State, time: float, values: Array) -> tuple[State, Array]:
     """State (B,) after values (B, m) at `time`, and their log-likelihood."""
-    state = imm.step(state, np.full(len(values), time), np.full_like(values, np.nan))
-    after = imm.step(state, state.time, values)
+    state = imm.step(
+        state, np.full(len(values), time), np.full_like(values, np.nan), engine="numpy"
+    )
+    after = imm.step(state, state.time, values, engine="numpy")
     return after, after.log_likelihood - state.log_likelihood

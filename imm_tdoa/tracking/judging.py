@@ -8,18 +8,20 @@ import numpy as np
 from imm_tdoa.contract import AXES, Array, Index, Mask
 from imm_tdoa.state import State
 from imm_tdoa.tracking import batches, exclusive
+from imm_tdoa.tracking.lookback import Heard
+from imm_tdoa.tracking.retold import Retold, retold
 from imm_tdoa.tracking.scene import Confirmed, Ended, Scene, counted
 from imm_tdoa.tracking.settings import Settings
-from imm_tdoa.tracking.standing import Standing
+from imm_tdoa.tracking.standing import TOLD, UNKNOWN, Standing
 
 REDUNDANT = 1.5  # rows beyond need, on average, with which ghosts do not pass for targets
 HOPELESS = 20.0  # nats behind a rival after which a track on trial is given up
 
 
 def judged(
-    settings: Settings, scene: Scene, members: Index, share: Array
+    settings: Settings, scene: Scene, now: Heard, members: Index, share: Array
 ) -> tuple[Scene, Index, Array]:
-    """Merge duplicates, confirm, give up, and end."""
+    """Merge duplicates, confirm, give up, and end, after a scan whose rows are `now`."""
     N = len(scene.identity)
     if N == 0:
         return scene, members, share
@@ -41,7 +43,7 @@ def judged(
     able = trial & (end == "") & verdict.confirm & grown
     on = np.flatnonzero(young | able)
     if len(on):
-        _contested(settings, scene, on, confirm, end)
+        scene = _contested(settings, scene, now, on, confirm, end)
     std = _position_std(scene.state)
     last = settings.deletion(scene.standing, std)
     end = np.where(scene.confirmed & (end == "") & (last.end != ""), last.end, end)
@@ -58,7 +60,9 @@ def judged(
     return _kept(scene, kept), members[kept], share[kept]
 
 
-def _contested(settings: Settings, scene: Scene, on: Index, confirm: Mask, end: Array) -> None:
+def _contested(
+    settings: Settings, scene: Scene, now: Heard, on: Index, confirm: Mask, end: Array
+) -> Scene:
     """Confirm, of tracks that share values, those that explain them best; displace the others.
 
     A scan without redundant rows cannot tell a ghost, made of several targets' values, from a
@@ -68,7 +72,9 @@ def _contested(settings: Settings, scene: Scene, on: Index, confirm: Mask, end: 
     young = scene.confirmed[on]
     displaced, better = _displaced(settings, standing, young)
     end[on[displaced]] = "displaced by tracks that explain its rows better"
-    result = exclusive.contest(standing.values, standing.gains)
+    told = _told(settings, scene, now, on)
+    gains, values = (standing.gains, standing.values) if told is None else (told.gains, told.values)
+    result = exclusive.contest(values, gains)
     oldest = np.zeros(result.group.max() + 1, dtype=np.int64)
     np.maximum.at(oldest, result.group, standing.age)
     ripe = (standing.redundant >= REDUNDANT) | (oldest[result.group] >= settings.patience)
@@ -77,10 +83,32 @@ def _contested(settings: Settings, scene: Scene, on: Index, confirm: Mask, end: 
     end[on[hopeless]] = "another explains its rows better"
     wanted = ~young & ((result.chosen & ripe) | better) & (standing.heard == scene.time)
     holding = young & ~displaced
-    rivals = exclusive.shared(standing.values) >= exclusive.RIVALS
+    rivals = exclusive.shared(values) >= exclusive.RIVALS
     wanted &= ~rivals[:, holding].any(axis=1)
     wanted &= better | ~rivals[:, better].any(axis=1)
     confirm[on[wanted]] = True
+    fresh = np.flatnonzero(wanted & (standing.age <= gains.shape[1]))
+    if told is None or not len(fresh):
+        return scene
+    better_known = batches.put(scene.state, on[fresh], batches.select(told.state, fresh))
+    return attrs.evolve(scene, state=better_known)
+
+
+def _told(settings: Settings, scene: Scene, now: Heard, on: Index) -> Retold | None:
+    """The last scans told anew, where that decides."""
+    standing = scene.standing.part(on)
+    alike = exclusive.shared(standing.values) >= exclusive.RIVALS
+    np.fill_diagonal(alike, False)
+    wait = alike.any(axis=1) & (standing.redundant < REDUNDANT)
+    past = scene.memory.heard
+    if not past or not np.any(wait & ~scene.confirmed[on]):
+        return None
+    state = batches.select(scene.state, on)
+    heard = (*past, now)[-TOLD:]
+    ago = now.scan - np.array([h.scan for h in heard])
+    own = standing.own[:, np.minimum(ago, TOLD - 1)]
+    own[:, ago >= TOLD] = UNKNOWN
+    return retold(settings.imm, state, heard, own, settings.detection_probability)
 
 
 def _displaced(settings: Settings, standing: Standing, young: Mask) -> tuple[Mask, Mask]:

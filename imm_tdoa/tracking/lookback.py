@@ -20,7 +20,7 @@ from imm_tdoa.statespace import KIND_OF
 from imm_tdoa.tracking import batches
 from imm_tdoa.tracking.alone import likeliest
 from imm_tdoa.tracking.merit import merit, noise_variance
-from imm_tdoa.tracking.rows import Prediction, Unlabelled
+from imm_tdoa.tracking.rows import Association, Prediction, Unlabelled
 from imm_tdoa.tracking.targets import predict_rows
 
 REVERSED = {"velocity": -1.0, "turn_rate": -1.0}  # what changes its sign when time runs back
@@ -55,10 +55,11 @@ class Heard:
 
 
 class Said(NamedTuple):
-    """What a scan says of tracks (B,): log-ratio, and merit."""
+    """What a scan says of tracks (B,): log-ratio, merit, and which values (B, m) they had."""
 
     gain: Array
     merit: Array
+    members: Index
 
 
 def between(
@@ -129,35 +130,47 @@ def before(
     """
     if not heard:
         return []
-    now = float(np.max(state.time))
-    sign = np.array([REVERSED.get(KIND_OF.get(c, c), 1.0) for c in state.components])
-    mean, covariance = state.mean * sign, state.covariance * sign[:, None] * sign
-    back = batches.whole(imm.start(np.full(len(mean), -now), mean, covariance, state.components))
+    back = backwards(imm, state)
     said: list[Said] = []
     for h in heard:
         there = np.isin(np.arange(imm.measurement.size), h.row)
-        back = _at(imm, back, -h.time)
-        turned = attrs.evolve(back, time=-back.time)  # stations are where they were then
-        prediction = predict_rows(imm.measurement, turned, there)
-        turned, one = _take(imm, turned, h, prediction, h.time, detection_probability)
-        back = attrs.evolve(turned, time=-turned.time)
+        back = moved(imm, back, -h.time)
+        then = turned(back)  # stations are where they were then
+        prediction = predict_rows(imm.measurement, then, there)
+        then, one = _take(imm, then, h, prediction, h.time, detection_probability)
+        back = turned(then)
         said.append(one)
     return said
 
 
-def _at(imm: IMM, state: State, time: float) -> State:
+def backwards(imm: IMM, state: State) -> State:
+    """Return states (B,) from which time runs back, by clocks that show minus the time."""
+    now = float(np.max(state.time))
+    sign = np.array([REVERSED.get(KIND_OF.get(c, c), 1.0) for c in state.components])
+    mean, covariance = state.mean * sign, state.covariance * sign[:, None] * sign
+    return batches.whole(imm.start(np.full(len(mean), -now), mean, covariance, state.components))
+
+
+def turned(state: State) -> State:
+    """Return the states with the other sign on their clocks."""
+    return attrs.evolve(state, time=-state.time)
+
+
+def moved(imm: IMM, state: State, time: float) -> State:
+    """Return states (B,) predicted to a time, s."""
     B = len(state.log_likelihood)
     nothing = np.full((B, imm.measurement.size), np.nan)
-    return batches.whole(imm.step(state, np.full(B, time), nothing))
+    return batches.whole(imm.step(state, np.full(B, time), nothing, engine="numpy"))
 
 
 def _take(
     imm: IMM, state: State, h: Heard, prediction: Prediction, time: float, P_D: float
 ) -> tuple[State, Said]:
     """Take in the rows nearest a prediction, and return what they say."""
-    z = likeliest(prediction, h.rows, h.density, P_D).values
-    state = _at(imm, state, time)
-    after = batches.whole(imm.step(state, state.time, z / imm.measurement.scale))
+    association = likeliest(prediction, h.rows, h.density, P_D)
+    z = association.values
+    state = moved(imm, state, time)
+    after = batches.whole(imm.step(state, state.time, z / imm.measurement.scale, engine="numpy"))
     took = np.isfinite(z)
     position = state.mean[
         0, np.array([state.components.index(a) for a in AXES[: state.space.dims]])
@@ -174,4 +187,12 @@ def _take(
         h.density,
         P_D,
     )
-    return after, Said(gain, worth)
+    return after, Said(gain, worth, members_of(association, h.row))
+
+
+def members_of(association: Association, row: Index) -> Index:
+    """Return which value (B, m) each row was given; -1 none."""
+    members = np.full(association.values.shape, -1, dtype=np.int64)
+    n, k = np.nonzero(association.weight > 0.5)
+    members[n, row[k]] = k
+    return members

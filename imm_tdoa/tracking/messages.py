@@ -113,7 +113,13 @@ def _tried(
     for first in range(0, E, step):
         some = z[first : first + step]
         every = batches.select(state, np.tile(np.arange(N), len(some)))
-        tried = imm.step(every, every.time, np.repeat(some, N, axis=0), measurement=measurement)
+        tried = imm.step(
+            every,
+            every.time,
+            np.repeat(some, N, axis=0),
+            measurement=measurement,
+            engine="numpy",
+        )
         tried = batches.whole(tried)
         after += [batches.select(tried, slice(e * N, (e + 1) * N)) for e in range(len(some))]
     nis = np.stack([a.taken.nis for a in after], axis=1)

@@ -207,7 +207,7 @@ class Scene:
             confirmed=np.zeros(0, dtype=bool),
             settled=np.zeros(0, dtype=bool),
             standing=Standing.none(m),
-            memory=Memory.none(d),
+            memory=Memory.none(d, m),
             clutter=Clutter.none(m),
             usual=0.0,
         )

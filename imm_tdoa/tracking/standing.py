@@ -12,6 +12,8 @@ from imm_tdoa.contract import Array, Index, Mask
 REMEMBERED = 60  # scans whose hits are kept, as bits
 WINDOW = 30  # scans over which rivals are compared
 RECENT = 5  # scans over which values shared with others are remembered
+TOLD = 12  # scans of which it is known which values a track had
+UNKNOWN = -2  # in place of a value: nobody knows
 MANY = 1 << 32  # more values than any scan has
 
 
@@ -33,6 +35,8 @@ class Standing:
         Log-ratio and merit of each of the last scans, newest first; NaN where not known.
     values : (N, RECENT m)
         The values it took in the last scans, each with a number of its own; -1 none.
+    own : (N, TOLD, m)
+        Index in its scan of the value that each row had, newest first; -1 none, -2 not known.
     spare : (N,)
         Rows it took beyond as many as a position takes, summed over its hits.
     time : float
@@ -47,6 +51,7 @@ class Standing:
     gains: Array
     merits: Array
     values: Index
+    own: Index
     spare: Array
     time: float
 
@@ -60,17 +65,20 @@ class Standing:
         scan: int,
         dims: int,
         time: float,
+        past: Index | None = None,
     ) -> Standing:
-        """Tracks that begin now, heard now, with what led to them."""
+        """Tracks that begin now, heard now, with what led to them; `past` as `own`, if known."""
         spare = np.count_nonzero(members >= 0, axis=1) - float(dims)
         count = len(gains)
         one = np.ones(count, dtype=np.int64)
         now = np.full(count, float(time))
         none = np.full((count, (RECENT - 1) * members.shape[1]), -1, dtype=np.int64)
         values = np.concatenate([_numbered(members, scan), none], axis=1)
-        return cls(
-            log_ratio, one, one.copy(), now, now.copy(), gains, merits, values, spare, float(time)
-        )
+        own = np.full((count, TOLD, members.shape[1]), UNKNOWN, dtype=np.int64)
+        own = own if past is None else past.copy()
+        own[:, 0] = members
+        since = one, one.copy(), now, now.copy()
+        return cls(log_ratio, *since, gains, merits, values, own, spare, float(time))
 
     @classmethod
     def none(cls, size: int) -> Standing:
@@ -116,6 +124,7 @@ class Standing:
             np.concatenate([gain[:, None], self.gains[:, :-1]], axis=1),
             np.concatenate([worth[:, None], self.merits[:, :-1]], axis=1),
             np.concatenate([_numbered(members, scan), kept], axis=1),
+            np.concatenate([members[:, None], self.own[:, :-1]], axis=1),
             self.spare + np.where(hit, spare, 0.0),
             float(time),
         )
@@ -140,7 +149,18 @@ class Standing:
         return count
 
 
-_ARRAYS = ("log_ratio", "hits", "chances", "born", "heard", "gains", "merits", "values", "spare")
+_ARRAYS = (
+    "log_ratio",
+    "hits",
+    "chances",
+    "born",
+    "heard",
+    "gains",
+    "merits",
+    "values",
+    "own",
+    "spare",
+)
 
 
 def _numbered(members: Index, scan: int) -> Index:

