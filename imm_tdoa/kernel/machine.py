@@ -110,11 +110,13 @@ class Machine:
         """Call `recursion.run`."""
         try:
             result = self._run(lanes, spec, at, feed, robust, *rest)
-        except OSError:  # the folder of compiled code has become unwritable
-            if not self.keeps:
-                raise
-            self._without_disk()
-            result = self._run(lanes, spec, at, feed, robust, *rest)
+        except OSError:  # it is compiled, but the folder for it has become unwritable
+            self.keeps = False
+            try:
+                result = self._run(lanes, spec, at, feed, robust, *rest)
+            except OSError:  # or can no longer be read
+                self._without_disk()
+                result = self._run(lanes, spec, at, feed, robust, *rest)
         kind = (len(lanes), robust is not None)
         if kind not in self._ready:
             self._ready.add(kind)

@@ -150,10 +150,11 @@ class Stepper:
         if z.shape != self.shape or not 0.0 <= dt < np.inf:
             return None
         estimate = np.empty(self.estimate)
-        code = machine.step(
-            ONE, self.ints, self.floats, plan.table(dt),
-            z, record, estimate,
-        )  # fmt: skip
+        given = (ONE, self.ints, self.floats, plan.table(dt), z, record, estimate)
+        try:
+            code = machine.step(*given)
+        except OSError:  # it is compiled, but the folder for it has become unwritable
+            code = machine.step(*given)
         machine.stepped = True
         if code != FINE:
             return None

@@ -10,7 +10,7 @@ from imm_tdoa.bench import emitters
 from imm_tdoa.bench.clock import Timing
 from imm_tdoa.bench.emitters import Size, Warm
 
-SMALL = Size(named=(2, 4), unnamed=(2, 3), warm=30, scans=2, repetitions=1)
+SMALL = Size(named=(2, 4), unnamed=(2, 3), warm=4, scans=2, repetitions=1)
 
 
 def test_points_and_figures_say_the_same():
@@ -40,7 +40,9 @@ def test_growth_is_the_exponent():
 
 
 def test_the_same_work_every_time():
-    warm = Warm.of(bankfile.load("aircraft"), emitters.sky(emitters.UNNAMED, 2), SMALL)
+    warm = Warm.of(
+        bankfile.load("aircraft"), emitters.sky(emitters.UNNAMED, 2), Size(warm=30, scans=2)
+    )
     assert len(warm.scans) == 2
     assert len(warm.scene.confirmations) == 2
     first, again = warm.run(), warm.run()

@@ -1,4 +1,4 @@
-"""The compiled engine is compiled once, by all test workers together, before the first test here."""
+"""The engine is compiled once, by all test workers together, before the first test here."""
 
 from __future__ import annotations
 

@@ -9,8 +9,8 @@ import sys
 import textwrap
 from pathlib import Path
 
-import numpy as np
 import numba.core.caching as caching
+import numpy as np
 import pytest
 from kernel_cases import SPEED, assert_alike, station_array
 
@@ -174,18 +174,23 @@ SMALL = """
 
 
 def test_a_small_job_never_loads_the_compiler():
-    code = SMALL + """
+    code = (
+        SMALL
+        + """
     track = imm.run(np.arange(1.0, 9.0), np.zeros((8, 2)), start=start)
     state = imm.step(start, 1.0, [0.0, 0.0])
     print(track.engine, type(state).__name__, "numba" in sys.modules)
     """
+    )
     assert python(code) == "numpy State False"
 
 
 @pytest.mark.skipif(not machine.keeps, reason="no folder for compiled code can be written to")
 def test_a_later_process_takes_what_is_on_disk():
     """The job has to be long enough to be worth the loading, but nothing is compiled for it."""
-    code = SMALL + """
+    code = (
+        SMALL
+        + """
     T = 3000
     track = imm.run(np.arange(1.0, T + 1.0), np.zeros((T, 2)), start=start, keep="final")
     from imm_tdoa.kernel.machine import machine
@@ -193,6 +198,7 @@ def test_a_later_process_takes_what_is_on_disk():
     stats = machine._run.stats
     print(track.engine, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))
     """
+    )
     assert python(code) == "compiled 1 0"
 
 
@@ -229,6 +235,28 @@ def test_a_folder_that_becomes_unwritable_is_no_error(monkeypatch, stage):
     assert own(ONE, None, None, None, None) == "done"
     assert not own.keeps
     assert own.ready(ONE, False)
+
+
+def test_what_is_compiled_but_cannot_be_kept_is_used(monkeypatch):
+    """Numba compiles, then fails to save: the machine code is there all the same."""
+    calls = []
+
+    def once(*given):
+        calls.append(given)
+        if len(calls) == 1:
+            raise OSError(28, "No space left on device")
+        return 0
+
+    own = Machine()
+    monkeypatch.setattr(own, "_run", once)
+    monkeypatch.setattr(own, "_mark", lambda *kind: Path("/proc/nowhere/mark"))
+    assert own(ONE, None, None, None, None) == 0
+    assert own._run is once
+    calls.clear()
+    monkeypatch.setattr(machine, "step", once)
+    imm = IMM(BANK, MEASUREMENT)
+    imm.step(imm.start(0.0, AT, np.eye(2)), 1.0, np.zeros(3), engine="compiled")
+    assert len(calls) == 2
 
 
 def test_the_key_of_compiled_code_changes_with_every_source(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""The compiled engine against the NumPy engine: the same numbers, whatever the bank and the scans."""
+"""The compiled engine against NumPy: the same numbers, whatever the bank and the scans."""
 
 from __future__ import annotations
 
