@@ -6,10 +6,6 @@ from imm_tdoa import Bank, Tracker, simulate
 from imm_tdoa.following import follow
 from imm_tdoa.models import ConstantVelocity
 
-options = argparse.ArgumentParser(description=__doc__)
-options.add_argument("--runs", type=int, default=1, help="of each scene; more say more (100)")
-runs = options.parse_args().runs
-
 
 def bank(speed: float) -> Bank:
     """Emitters of about `speed`, m/s, that fly straight on."""
@@ -23,9 +19,16 @@ scenes = {
     "three-emitters": (bank(700.0), 5000.0),  # 500 km off; as many false differences as true ones
 }
 
+options = argparse.ArgumentParser(description=__doc__)
+options.add_argument("scene", nargs="*", help=f"of {', '.join(scenes)}; default the first two")
+options.add_argument("--runs", type=int, default=1, help="of each scene; more say more (100)")
+asked = options.parse_args()
+runs, chosen = asked.runs, asked.scene or ["crossing", "parallel"]
+
 print(f"{runs} run{'s' * (runs > 1)} of each scene; GOSPA over the last 40 scans\n")
 print("scene           rows go to     all kept       GOSPA m   id switches   false tracks")
-for scene, (models, cutoff) in scenes.items():
+for scene in chosen:
+    models, cutoff = scenes[scene]
     for associator in ("nearest", "global", "jpda", "who sent them"):
         kept, switches, false, distance = 0, 0, 0, 0.0
         for seed in range(runs):

@@ -194,15 +194,19 @@ def _table(out: Any, rows: Mapping[str, Mapping[str, Any]], scored: bool, named:
 
 def _tell_truth(out: Any, overall: Mapping[str, Any]) -> None:
     number = output.number
-    out.print(
+    said = [
         f"against the truth: {_count(overall['emitters'], 'emitter')}, "
-        f"{overall['emitters_never_followed']} never followed; "
-        f"{_count(overall['false_tracks'], 'false track')}; "
-        f"{_count(overall['id_switches'], 'id switch', 'es')}; purity {number(overall['purity'])}; "
-        f"confirmed after {number(overall['latency_median_s'], 2)} s (median), "
-        f"{number(overall['latency_max_s'], 2)} s at most",
-        soft_wrap=True,
-    )
+        f"{overall['emitters_never_followed']} never followed",
+        _count(overall["false_tracks"], "false track"),
+        _count(overall["id_switches"], "id switch", "es"),
+    ]
+    if overall["latency_max_s"] is not None:
+        said += [
+            f"purity {number(overall['purity'])}",
+            f"confirmed after {number(overall['latency_median_s'], 2)} s (median), "
+            f"{number(overall['latency_max_s'], 2)} s at most",
+        ]
+    out.print("; ".join(said), soft_wrap=True)
     out.print(
         f"GOSPA {number(overall['gospa_m'])} m, OSPA {number(overall['ospa_m'])} m "
         f"(means over the scans; cutoff {overall['cutoff_m']:g} m, order 2)",

@@ -156,9 +156,10 @@ def test_far_stations_do_not_squash_the_map(track: Track) -> None:
 
 def test_gross_errors_do_not_squash_the_map(track: Track) -> None:
     """Without truth too: what lies far off most of the track is left out, and said."""
-    mean = track.mean.copy()
-    mean[0, :2] = 1e7
-    wild = attrs.evolve(track, mean=mean)
+    means = tuple(mean.copy() for mean in track.mode_means)
+    for mean in means:
+        mean[0, :2] = 1e7
+    wild = attrs.evolve(track, mode_means=means)
     for truth in (None, (T, PATH)):
         figure = plot.track(wild, truth=truth)
         low, high = labelled(figure, "y [").get_xlim()
