@@ -24,6 +24,7 @@ AMBIGUOUS = 3.0  # log-odds of two sources, 20 to 1, below which either may be t
 TESTABLE = 1e-9  # share of a source's information that the others leave to test it by
 ROUNDS = 15  # of the weights of Student's t
 SETTLED = 1e-2  # relative change of a weight that ends them
+SAME = 1e-6  # difference of two bounds that says nothing: rounding must not choose between them
 
 
 @attrs.frozen(eq=False)
@@ -302,7 +303,7 @@ def student_t(seen: Observation, log_weight: Array, P: Sequence[Array], dof: flo
     best = np.full(price.shape, -np.inf)
     for begin in (None, log_weight):
         trial, bound, cost = _weights(parts, log_weight, D, v, heard, dof, begin)
-        better = bound > best
+        better = bound > best + SAME
         lam = np.where(better[..., None], trial, lam)
         price, best = np.where(better, cost, price), np.where(better, bound, best)
     more = np.where(heard, v * (1.0 / lam - 1.0), 0.0)

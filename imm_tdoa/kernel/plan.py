@@ -59,7 +59,10 @@ def why_not(imm: IMM) -> str | None:
         if not isinstance(model, LinearMotion) or not nests:
             return f"the motion model {name!r}"
         for dt in PROBES:
-            F = model.transition(dt, d)
+            try:
+                F = model.transition(dt, d)
+            except ValueError:  # a model of one time step only
+                return f"the motion model {name!r}, which has no transition over {dt:g} s"
             if not np.array_equal(F, np.kron(F[::d, ::d], np.eye(d))):
                 return f"the motion model {name!r}, whose axes are coupled"
     return None

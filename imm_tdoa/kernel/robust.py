@@ -13,7 +13,7 @@ import numpy as np
 
 from imm_tdoa.contract import Array
 from imm_tdoa.kernel.vectors import allocating, compiled
-from imm_tdoa.robust import AMBIGUOUS, ROUNDS, SETTLED, TESTABLE
+from imm_tdoa.robust import AMBIGUOUS, ROUNDS, SAME, SETTLED, TESTABLE
 
 LOG_2PI = math.log(2.0 * math.pi)
 ROUNDING = (0.0, 1e-13, 1e-11, 1e-9)
@@ -319,7 +319,7 @@ def student_t(
                 return 0.0, False
             joint[j] = log_weight[j] + log_l[j]
         bound = log_sum(joint) + cost
-        if bound > best:
+        if bound > best + SAME:
             best, price = bound, cost
             lam[:] = trial
     for c in range(k):

@@ -249,7 +249,7 @@ class Comparison:
 def _of_track(track: Track, index: tuple[int, ...]) -> Track:
     """Return one target's track out of a batch."""
     fields = (
-        *("mean", "covariance", "log_mode_probability", "log_likelihood", "nis", "nis_dof"),
+        *("log_mode_probability", "log_likelihood", "nis", "nis_dof"),
         *("mode_log_likelihood", "mode_nis", "row_weight", "lost", "reopened"),
     )
     return attrs.evolve(

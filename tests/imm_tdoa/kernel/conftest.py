@@ -12,13 +12,12 @@ import pytest
 from imm_tdoa import IMM, Bank
 from imm_tdoa.models import ConstantVelocity, Position
 
-KINDS = (  # the longest first
+KINDS = (  # the longest first; robust filters of 3 to 8 targets are not tried, to save as much
     ("robust", 16),
     ("robust", 1),
     ("plain", 16),
     ("step", 1),
     ("plain", 1),
-    ("robust", 4),
     ("plain", 4),
 )
 PATIENCE = 600.0  # s that a worker waits for what another compiles

@@ -25,6 +25,9 @@ TRIED = settings(
 BANK = Bank(
     [Static(psd=1.0), ConstantVelocity(psd=1.0), ConstantAcceleration(psd=0.1)], mean_sojourn=20.0
 )
+# Student's t trusts a row 10 000 sigmas off by 1e-8. Where others share its arrival or offset, R
+# has 1e8 times their own noise in every entry, and they are known to eps times that.
+GROSS = 1e-8
 LOST = 1e-8  # a lost track's P is 1e7 times R, and S, in which R counts too, is known to eps P
 STATIONS = station_array(2, np.random.default_rng(1), count=6, moving=False)
 
@@ -38,7 +41,7 @@ def test_the_gates_agree(case):
 @TRIED
 @given(cases("student-t"))
 def test_the_tails_agree(case):
-    assert_engines_agree(case)
+    assert_engines_agree(case, GROSS)
 
 
 def disturbed(measurement, targets, T, gross, size, robust, seed=0, **more):
@@ -58,7 +61,7 @@ def disturbed(measurement, targets, T, gross, size, robust, seed=0, **more):
 
 
 @pytest.mark.parametrize("robust", ["gate", "student-t"])
-@pytest.mark.parametrize("targets", [1, 5, 12])
+@pytest.mark.parametrize("targets", [2, 12])
 @pytest.mark.parametrize(
     "measurement",
     [
@@ -75,7 +78,7 @@ def test_gross_errors(measurement, targets, robust):
     """A fifth of the rows off by 20 and by 10 000 sigmas."""
     for size in (20.0, 1e4):
         case = disturbed(measurement, targets, 8, 0.2, size, robust)
-        assert_engines_agree(case)
+        assert_engines_agree(case, GROSS if size > 1e3 else 1e-9)
 
 
 @pytest.mark.parametrize("robust", ["gate", "student-t"])
@@ -92,7 +95,7 @@ def test_a_lost_track_opens_and_is_found_again(targets, robust):
         values[target, first : first + 30] += away[target]
     track = assert_engines_agree(case._replace(values=values), LOST, keep="every 7")
     whole = case._replace(values=values).run("compiled", threads=2)
-    np.testing.assert_allclose(whole.mean[:, ::7], track.mean[:, : len(range(0, 45, 7))], rtol=1e-7)
+    np.testing.assert_allclose(whole.mean[:, ::7], track.mean[:, :7], rtol=1e-7, atol=1e-6)
     assert whole.lost[0].any()
     assert whole.reopened[0].any()
     assert not whole.lost[:, -1].any()

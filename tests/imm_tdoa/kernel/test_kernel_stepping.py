@@ -7,7 +7,7 @@ import pickle
 import attrs
 import numpy as np
 import pytest
-from kernel_cases import SPEED, assert_alike, rounding, station_array
+from kernel_cases import SPEED, assert_alike, station_array
 
 from imm_tdoa import IMM, Bank
 from imm_tdoa.kernel.machine import machine
@@ -79,15 +79,24 @@ def test_a_run_is_its_steps(imm):
         np.testing.assert_allclose(state.log_likelihood, track.log_likelihood[k], rtol=1e-12)
 
 
-@pytest.mark.parametrize("batch", [(1,), (5,), (3, 4)])
-@pytest.mark.parametrize("robust", [None, "gate", "student-t"])
+@pytest.mark.parametrize(
+    ("robust", "batch"),
+    [
+        (None, (1,)),
+        (None, (5,)),
+        (None, (3, 4)),
+        ("gate", (1,)),
+        ("gate", (3, 4)),
+        ("student-t", (1,)),
+        ("student-t", (3, 4)),
+    ],
+)
 def test_batches(batch, robust):
     imm = IMM(BANK, MEASUREMENT, robust=robust, reopen_after=2)
     more = {"gross": 3e-6} if robust else {}
-    with rounding() as known:
-        wanted = through(imm, "numpy", batch, **more)
+    wanted = through(imm, "numpy", batch, **more)
     for got, want in zip(through(imm, "compiled", batch, **more), wanted, strict=True):
-        assert_alike(got, want, max(1e-9, *known))
+        assert_alike(got, want)
         for name in ("rejected", "used", "since"):
             np.testing.assert_array_equal(getattr(got.trust, name), getattr(want.trust, name))
 
@@ -98,13 +107,12 @@ def test_one_robust_target_that_is_lost_and_found():
     _, values = scans()
     ours = theirs = start(imm)
     lost = []
-    with rounding() as known:
-        for k in range(20):
-            z = values[0] + (rng.uniform(-3e-6, 3e-6, 3) if 3 <= k < 12 else 0.0)
-            ours = imm.step(ours, k + 1.0, z, engine="compiled")
-            theirs = imm.step(theirs, k + 1.0, z, engine="numpy")
-            assert_alike(ours, theirs, max(1e-9, *known))
-            lost.append(bool(ours.trust.lost))
+    for k in range(20):
+        z = values[0] + (rng.uniform(-3e-6, 3e-6, 3) if 3 <= k < 12 else 0.0)
+        ours = imm.step(ours, k + 1.0, z, engine="compiled")
+        theirs = imm.step(theirs, k + 1.0, z, engine="numpy")
+        assert_alike(ours, theirs)
+        lost.append(bool(ours.trust.lost))
     assert any(lost)
     assert not lost[-1]
 
@@ -256,9 +264,10 @@ def test_no_kind_of_value_has_the_step_compiled_anew(imm):
         imm.step(start(imm), 1, values, engine="compiled")
     for time in (np.float32(1.0), np.array(1.0), np.int64(1), True):
         imm.step(start(imm), time, z, engine="compiled")
+    imm.step(start(imm, (4,)), 1.0, locked, engine="compiled")
     for robust in (None, "gate", "student-t"):
         own = IMM(BANK, MEASUREMENT, robust=robust)
-        for batch in ((2,), (4,), (12,)):
+        for batch in ((2,), (12,)):
             for time in (1.0, np.full(batch, 1.0)):
                 state = own.step(start(own, batch), time, locked, engine="compiled")
                 own.step(state, 2.0, np.broadcast_to(locked, (*batch, 3)), engine="compiled")

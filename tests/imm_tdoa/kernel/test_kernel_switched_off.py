@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kernel_cases import SPEED, Case, assert_alike, rounding, station_array
+from kernel_cases import SPEED, Case, assert_alike, station_array
 
 from imm_tdoa import IMM, Bank
 from imm_tdoa.models import (
@@ -38,7 +38,8 @@ def golden() -> Case:
 
 
 def several(robust: str | None, rule: str = "birth") -> Case:
-    """Five targets, three modes, three kinds of rows with gaps and a gross error."""
+    """Some targets, three modes, three kinds of rows with gaps and a gross error."""
+    targets = 2 if robust else 5
     stations = station_array(2, np.random.default_rng(1), count=4, moving=False)
     measurement = Stack(
         TOA(stations, sigma=3.0 / SPEED),
@@ -51,14 +52,14 @@ def several(robust: str | None, rule: str = "birth") -> Case:
         mixing=rule,  # type: ignore[arg-type]
     )
     rng = np.random.default_rng(2)
-    at = rng.uniform(-2e3, 2e3, (5, 1, 2)) + np.zeros((1, 3, 1))
+    at = rng.uniform(-2e3, 2e3, (targets, 1, 2)) + np.zeros((1, 3, 1))
     clean = measurement.predict(at, np.zeros_like(at), 0.0)
     sigma = np.sqrt(np.diag(measurement.noise_covariance(at[0, 0], at[0, 0], 0.0)))
     values = clean + sigma * rng.normal(size=clean.shape)
     values[rng.random(values.shape) < 0.1] = np.nan
-    values[2, 1] = np.nan
+    values[1, 1] = np.nan
     if robust:
-        values[:, 1, 2] += 500.0
+        values[:, 2, 2] += 500.0
     imm = IMM(bank, measurement, robust=robust)  # type: ignore[arg-type]
     start = imm.start(0.0, at[:, 0], 900.0 * np.eye(2))
     return Case(imm, np.array([1.0, 1.0, 3.5]), values / measurement.scale, start)
@@ -106,10 +107,9 @@ def write(path: str) -> None:
 @pytest.mark.parametrize("name", list(CASES))
 def test_the_same_numbers(tracks, name):
     case = CASES[name]
-    with rounding() as known:
-        want = case.run("numpy")
-    assert_alike(tracks[name], want, max(1e-9, *known))
-    assert_alike(case.run("compiled"), want, max(1e-9, *known))
+    want = case.run("numpy")
+    assert_alike(tracks[name], want)
+    assert_alike(case.run("compiled"), want)
 
 
 def test_the_same_steps(tracks):

@@ -120,7 +120,12 @@ def test_what_is_refused(tmp_path: Path) -> None:
     for name, tracks, message in cases:
         with pytest.raises(ValueError, match=message):
             write_track(tmp_path / name, tracks)
-    batch = attrs.evolve(track, mean=np.stack([track.mean] * 3))
+    batch = attrs.evolve(
+        track,
+        log_mode_probability=np.stack([track.log_mode_probability] * 3),
+        mode_means=tuple(np.stack([x] * 3) for x in track.mode_means),
+        mode_covariances=tuple(np.stack([P] * 3) for P in track.mode_covariances),
+    )
     with pytest.raises(ValueError, match=r"that of 'a' is a batch of shape \(3,\)"):
         write_track(tmp_path / "t.csv", {"a": batch})
     for write in (write_geojson, write_kml):
