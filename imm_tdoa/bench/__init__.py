@@ -40,6 +40,7 @@ MEASUREMENTS: dict[str, tuple[str, str]] = {  # name: module and function
     "engines": ("engines", "measure"),
     "scaling": ("scaling", "measure"),
     "emitters": ("emitters", "measure"),
+    "study": ("studies", "measure"),
     "memory": ("memory", "measure"),
     "cold-start": ("cold", "measure"),
 }

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from imm_tdoa.cli import output
+from imm_tdoa.cli.options import OutFolder
 
 if TYPE_CHECKING:
     from imm_tdoa.bench import Figure, Measured
@@ -31,6 +32,7 @@ class Part(StrEnum):
     ENGINES = "engines"
     SCALING = "scaling"
     EMITTERS = "emitters"
+    STUDY = "study"
     MEMORY = "memory"
     COLD_START = "cold-start"
 
@@ -47,7 +49,7 @@ def bench(
             show_default=False,
         ),
     ] = None,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write to.")] = DEFAULT,
+    out: OutFolder = DEFAULT,
 ) -> None:
     """Measure how fast it is on this machine, beside filterpy on the same data, against its goals.
 
@@ -66,6 +68,7 @@ def bench(
     * **engines**: NumPy against compiled, and what gate and student-t cost
     * **scaling**: cost against targets (to a million), scans, modes, stations, threads
     * **emitters**: time per scan of 10 to 200 labelled aircraft, of 5 to 50 unlabelled emitters
+    * **study**: 4 banks, 3 scenarios, 1000 runs of 60 scans, against filterpy in a loop
     * **memory**: a million targets through 50 scans
     * **cold-start**: import, the shipped sample, and compiling, in fresh processes
 
@@ -74,8 +77,7 @@ def bench(
     from imm_tdoa import bench as measurements
     from imm_tdoa.bench import machine, report
 
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"--out: expected a folder, {str(out)!r} is a file")
+    output.refuse_file(out)
     about = machine.describe()
     names = [part.value for part in only or ()]
     console = output.console()

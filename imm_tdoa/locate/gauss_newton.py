@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+import attrs
 import numpy as np
 
 from imm_tdoa import registry
@@ -14,6 +15,7 @@ from imm_tdoa.locate.fix import Fix
 from imm_tdoa.locate.guess import ranked, starting_points
 from imm_tdoa.locate.least_squares import Solution, solve, student_cost
 from imm_tdoa.locate.problem import Problem
+from imm_tdoa.makeup import RANGE_RATE
 from imm_tdoa.scans import Scans
 from imm_tdoa.stations import Stations, pair_index
 
@@ -142,6 +144,9 @@ def fix_scans(
     """
     if robust not in (None, "student-t"):
         raise ValueError(f"robust: expected None or 'student-t', got {robust!r}")
+    if moving and velocity_std is not None and _silent_on_velocity(scans):
+        fix = fix_scans(scans, initial=initial, robust=robust)
+        return _with_velocity(fix, velocity_std)
     problem = Problem.of(scans, moving, velocity_std)
     _refuse_too_few(problem)
     heavy_tails = robust is not None
@@ -157,6 +162,27 @@ def fix_scans(
         theta, fit = starting_points(part, robust=heavy_tails)
         parts.append(solve(part, theta, fit, robust=heavy_tails))
     return _fix(problem, Solution.joined(parts), scans.batch)
+
+
+def _silent_on_velocity(scans: Scans) -> bool:
+    """Whether nothing in the scans depends on the velocity: one scan, and no rates in it."""
+    says = getattr(scans.measurement, "makeup", None)
+    made = None if says is None or scans.count > 1 else says()
+    return made is not None and not np.any(made.kind == RANGE_RATE)
+
+
+def _with_velocity(fix: Fix, std: Array) -> Fix:
+    """Return a fix of the position with a velocity of which only the prior is known."""
+    *batch, d = fix.position.shape
+    known = np.isfinite(fix.covariance[..., :1, :1])
+    covariance = np.zeros((*batch, 2 * d, 2 * d))
+    covariance[..., :d, :d] = fix.covariance
+    covariance[..., d:, d:] = np.diag(std**2)
+    return attrs.evolve(
+        fix,
+        velocity=np.where(np.isfinite(fix.position), 0.0, np.nan),
+        covariance=np.where(known, covariance, np.nan),
+    )
 
 
 def _fix(problem: Problem, solution: Solution, batch: tuple[int, ...]) -> Fix:

@@ -8,7 +8,7 @@ import numpy as np
 
 from imm_tdoa.contract import Array, Index
 from imm_tdoa.locate.closed_form import closed_form_points
-from imm_tdoa.locate.problem import Problem, noise, residuals, whitening
+from imm_tdoa.locate.problem import Problem, misfits, noise, residuals, whitening
 
 ARMS = 24  # directions in two dimensions; 26 in three, 2 in one
 RADII = (0.15, 0.5, 1.0, 2.0, 5.0, 20.0)  # times the spread of the stations that heard
@@ -66,13 +66,14 @@ def ranked(problem: Problem, points: Array) -> tuple[Array, Array]:
     R = noise(problem, theta[::P], np.arange(B))
     W = whitening(problem, R, np.arange(B))
     W = W._replace(of=np.repeat(W.of, P))
-    nu, H = residuals(problem, theta, fit)
-    white = (W @ np.concatenate([H, nu[..., None]], axis=-1)).reshape(B * P, -1, n + 1)
-    r, J = white[..., -1], white[..., d:n]
     if problem.moving:
-        rest = _velocity(problem, r, J)
-        theta[:, d:] = rest
-        r = r - np.einsum("nki,ni->nk", J, rest)
+        nu, H = residuals(problem, theta, fit)
+        white = (W @ np.concatenate([H, nu[..., None]], axis=-1)).reshape(B * P, -1, n + 1)
+        r, J = white[..., -1], white[..., d:n]
+        theta[:, d:] = _velocity(problem, r, J)
+        r = r - np.einsum("nki,ni->nk", J, theta[:, d:])
+    else:
+        r = (W @ misfits(problem, theta, fit)[..., None]).reshape(B * P, -1)
     cost = np.sum(np.log1p(r**2), axis=-1)
     cost = np.where(np.isfinite(cost), cost, np.inf)
     return theta.reshape(B, P, n), cost.reshape(B, P)

@@ -9,7 +9,15 @@ import numpy as np
 
 from imm_tdoa.contract import Array, Index, Mask
 from imm_tdoa.locate.normal import inverse, spectrum
-from imm_tdoa.locate.problem import Problem, Whitening, noise, residuals, standardised, whitening
+from imm_tdoa.locate.problem import (
+    Problem,
+    Whitening,
+    misfits,
+    noise,
+    residuals,
+    standardised,
+    whitening,
+)
 
 ITERATIONS = 60  # most iterations of one descent
 ROUNDS = 200  # most descents, the noise being taken anew in between
@@ -68,7 +76,7 @@ def solve(problem: Problem, theta: Array, fit: Index, *, robust: bool = False) -
     theta, weight = np.array(theta), None
     temper = np.ones(N)
     if robust:
-        nu, _ = residuals(problem, theta, fit)
+        nu = misfits(problem, theta, fit)
         e = standardised(problem, nu, noise(problem, theta, fit), fit, None)
         temper = _typical(e, problem.present[fit])
         weight = student_weight(e / temper[:, None, None])
@@ -86,7 +94,7 @@ def solve(problem: Problem, theta: Array, fit: Index, *, robust: bool = False) -
         chi2[live] = np.einsum("nk,nk->n", at.r, at.r)
         R_there = noise(problem, at.theta, where)
         settled[live] = _equal(R, R_there)
-        nu, _ = residuals(problem, at.theta, where)
+        nu = misfits(problem, at.theta, where)
         e[live] = standardised(problem, nu, R_there, where, own)
         if weight is not None and own is not None:
             typical = _typical(e[live], problem.present[where])

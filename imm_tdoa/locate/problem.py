@@ -181,14 +181,22 @@ def residuals(problem: Problem, theta: Array, fit: Index) -> tuple[Array, Array]
     model, times = problem.model(fit)
     place, speed, lever = problem.kinematics(theta, times)
     rows, present = problem.cut, problem.present[fit]
+    Hp, Hv = (H[..., rows, :] for H in model.jacobian(place, speed, times))
+    if problem.moving:
+        Hp = np.concatenate([Hp, Hv + lever[..., None, None] * Hp], axis=-1)
+    return misfits(problem, theta, fit), np.where(present[..., None], Hp, 0.0)
+
+
+def misfits(problem: Problem, theta: Array, fit: Index) -> Array:
+    """Return raw residuals nu (N, T, k), zero where missing."""
+    model, times = problem.model(fit)
+    place, speed, _ = problem.kinematics(theta, times)
+    rows = problem.cut
     nu = problem.z[fit] - model.predict(place, speed, times)[..., rows]
     angular = problem.scans.measurement.angular[rows]
     if np.any(angular):
         nu = np.where(angular, gaussian.wrap(nu), nu)
-    Hp, Hv = (H[..., rows, :] for H in model.jacobian(place, speed, times))
-    if problem.moving:
-        Hp = np.concatenate([Hp, Hv + lever[..., None, None] * Hp], axis=-1)
-    return np.where(present, nu, 0.0), np.where(present[..., None], Hp, 0.0)
+    return np.where(problem.present[fit], nu, 0.0)
 
 
 def noise(problem: Problem, theta: Array, fit: Index) -> Array:

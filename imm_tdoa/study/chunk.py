@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from imm_tdoa.study import criteria, score
 from imm_tdoa.study.banks import BankCase
@@ -15,6 +14,7 @@ from imm_tdoa.study.draw import Drawn, clock, draw
 from imm_tdoa.study.engines import Engine
 from imm_tdoa.study.filtering import estimate
 from imm_tdoa.study.fixes import Begin
+from imm_tdoa.study.pinning import one_thread
 from imm_tdoa.study.plan import Study, parse
 from imm_tdoa.study.scenarios import ScenarioCase, Start
 
@@ -78,26 +78,6 @@ def work(task: Task) -> Chunk:
     arrays["runs"] = np.array([task.first, task.last])
     arrays["times"], arrays["dims"] = clock(case.plan), np.array(case.plan.dims)
     return Chunk(task, arrays, tuple(seconds), int(np.prod(drawn.values.shape[:2])))
-
-
-class one_thread:  # noqa: N801 - reads as a statement
-    """Pin BLAS and Numba to one thread while it lasts: chunks already fill the cores."""
-
-    def __enter__(self) -> None:
-        """Pin."""
-        import sys
-
-        self._blas = threadpool_limits(1)
-        self._numba = sys.modules.get("numba")
-        if self._numba is not None:
-            self._threads = self._numba.get_num_threads()
-            self._numba.set_num_threads(1)
-
-    def __exit__(self, *_: object) -> None:
-        """Let go."""
-        self._blas.restore_original_limits()
-        if self._numba is not None:
-            self._numba.set_num_threads(self._threads)
 
 
 def _compute(

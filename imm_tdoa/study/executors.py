@@ -1,4 +1,4 @@
-"""Who computes chunks: this process, processes on this machine, or a cluster."""
+"""Who computes chunks: this process, threads or processes on this machine, or a cluster."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from typing import Any, Protocol
 import attrs
 
 from imm_tdoa.study.chunk import Chunk, Task, work
+from imm_tdoa.study.pinning import one_thread
 
 PATIENCE = 10.0  # s to find a scheduler
+BRIEF = 10_000_000  # compiled filter steps that are done before processes have started
 TRIES = 4  # a chunk whose workers die as often is not tried again
 SCHEME = "dask://"
 
@@ -28,16 +30,20 @@ class Executor(Protocol):
         ...
 
 
-def executor(workers: int | None = None, cluster: str | None = None) -> Executor:
+def executor(
+    workers: int | None = None, cluster: str | None = None, *, brief: bool = False
+) -> Executor:
     """Return who computes.
 
     Parameters
     ----------
     workers : int, optional
-        Processes on this machine; default one per core.
+        Workers on this machine; default one per core.
     cluster : str, optional
         ``dask://host:port``: the scheduler of a dask.distributed cluster, whose machines have
         this package installed.
+    brief : bool
+        Whether the work is over before processes would have started: workers are threads then.
 
     Raises
     ------
@@ -55,7 +61,9 @@ def executor(workers: int | None = None, cluster: str | None = None) -> Executor
     count = cores() if workers is None else workers
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise ValueError(f"--workers: expected a whole number of at least 1, got {workers!r}")
-    return Here() if count == 1 else Processes(count)
+    if count == 1:
+        return Here()
+    return Threads(count) if brief else Processes(count)
 
 
 def cores() -> int:
@@ -70,7 +78,28 @@ class Here:
 
     def __call__(self, tasks: Sequence[Task]) -> Iterator[Chunk]:
         """Yield the chunks of `tasks` as they are ready."""
-        return (work(task) for task in tasks)
+        with one_thread():
+            yield from (work(task) for task in tasks)
+
+
+@attrs.frozen
+class Threads:
+    """Threads of this process: they begin at once, but take turns wherever Python is at work.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+    """
+
+    count: int
+
+    def __call__(self, tasks: Sequence[Task]) -> Iterator[Chunk]:
+        """Yield the chunks of `tasks` as they are ready."""
+        from joblib import parallel_config
+
+        with one_thread(), parallel_config("threading", n_jobs=min(self.count, len(tasks))):
+            yield from _parallel(list(tasks))
 
 
 @attrs.frozen

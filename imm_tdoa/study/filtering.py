@@ -111,7 +111,7 @@ def estimate(
             absent = np.arange(T) < mine.last[:, None]
         else:
             assert start is not None
-            state = _told(imm, part, start)
+            state = told(imm, part, start)
             track = imm.run(part.times, part.values, state, part.pairs, engine, threads=1)
         if also is not None:
             also(runs, part, track.blanked(absent) if np.any(absent) else track)
@@ -177,7 +177,7 @@ def _refuse_lost(found: Estimates) -> None:
     found.reason[lost & (found.reason == "")] = "the estimate is not finite"
 
 
-def _told(imm: IMM, drawn: Drawn, start: Start) -> State:
+def told(imm: IMM, drawn: Drawn, start: Start) -> State:
     """What the filters are told: the truth, with an error of the declared size."""
     d, ways = drawn.ways.dims, drawn.ways
     assert drawn.start is not None

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from imm_tdoa.study import bounds, engines
 from imm_tdoa.study.chunk import Task, prepare
-from imm_tdoa.study.executors import Executor, executor
+from imm_tdoa.study.executors import BRIEF, Executor, executor
 from imm_tdoa.study.plan import Study
 from imm_tdoa.study.store import Store
 
@@ -59,7 +59,7 @@ def run(
     folder : Path
         Where results are and go to.
     workers : int, optional
-        Processes on this machine; default one per core.
+        Workers on this machine, threads or processes; default one per core.
     cluster : str, optional
         ``dask://host:port`` in their place.
     restart : bool
@@ -74,11 +74,12 @@ def run(
     OSError
         A file that cannot be written, such as on a full disk; those before it are whole.
     """
-    who = executor(workers, cluster)
+    executor(workers, cluster)  # what cannot be is refused before anything is written
     store = Store(folder)
     store.open(study, restart=restart)
     with _leaving_cleanly():
         _engines(study, store)
+        who = executor(workers, cluster, brief=_brief(study, store))
         _chunks(study, store, who, tell)
         for case in study.scenarios:
             if not store.has_bound(case.name):
@@ -89,6 +90,16 @@ def run(
 
 def _total(study: Study) -> int:
     return study.runs * len(study.scenarios)
+
+
+def _brief(study: Study, store: Store) -> bool:
+    """Whether what is left is done before processes would have started."""
+    steps = sum(
+        case.scans * (last - first)
+        for case in study.scenarios
+        for first, last in store.missing(study, case)
+    )
+    return "numpy" not in store.engines and steps * len(study.banks) < BRIEF
 
 
 def _engines(study: Study, store: Store) -> None:

@@ -87,7 +87,7 @@ def over_time(found: Estimates, ways: Ways) -> dict[str, Array]:
     return {
         "position_square": np.sum(error**2, axis=-1),
         "velocity_square": np.sum(off**2, axis=-1),
-        "nees": _nees(error, found.covariance),
+        "nees": nees(error, found.covariance),
         "mode_probability": found.mode_probability,
     }
 
@@ -127,18 +127,29 @@ def sums(
     return result
 
 
-def _nees(error: Array, covariance: Array) -> Array:
-    """e' P^-1 e (n, T); NaN where P is not positive definite."""
-    usable: Mask = np.asarray(
-        np.isfinite(covariance).all(axis=(-2, -1)) & np.isfinite(error).all(axis=-1)
-    )
+def nees(error: Array, covariance: Array) -> Array:
+    """Return e' P^-1 e (n, T) by Cholesky's factor of every P at once; NaN where one has none."""
     d = error.shape[-1]
-    P = np.where(usable[..., None, None], covariance, np.eye(d))
-    e = np.where(usable[..., None], error, 0.0)
-    usable &= np.linalg.eigvalsh(P)[..., 0] > 0.0
-    P = np.where(usable[..., None, None], P, np.eye(d))
-    square = np.einsum("...i,...i->...", e, np.linalg.solve(P, e[..., None])[..., 0])
-    return np.where(usable, square, np.nan)
+    L = np.zeros_like(covariance)
+    square = np.zeros(error.shape[:-1])
+    y = np.zeros_like(error)
+    definite = np.ones(square.shape, dtype=bool)
+    for i in range(d):
+        for j in range(i):
+            L[..., i, j] = covariance[..., i, j] - _dot(L[..., i, :j], L[..., j, :j])
+            L[..., i, j] /= L[..., j, j]
+        pivot = covariance[..., i, i] - _dot(L[..., i, :i], L[..., i, :i])
+        definite &= pivot > 0.0
+        L[..., i, i] = np.sqrt(np.where(definite, pivot, 1.0))
+        y[..., i] = (error[..., i] - _dot(L[..., i, :i], y[..., :i])) / L[..., i, i]
+        square += y[..., i] ** 2
+    return np.where(definite, square, np.nan)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Sum over the last axis, one or two long."""
+    result: Array = sum((a[..., k] * b[..., k] for k in range(a.shape[-1])), np.zeros(a.shape[:-1]))
+    return result
 
 
 def matching(case: BankCase, forms: Sequence[Form]) -> Mask:

@@ -7,7 +7,18 @@ import itertools
 import pytest
 
 from imm_tdoa import bench
-from imm_tdoa.bench import batch, clock, cold, engines, fresh, memory, scaling, small, streaming
+from imm_tdoa.bench import (
+    batch,
+    clock,
+    cold,
+    engines,
+    fresh,
+    memory,
+    scaling,
+    small,
+    streaming,
+    studies,
+)
 from imm_tdoa.bench.clock import Timing
 from imm_tdoa.bench.measured import Figure, Goal, Point
 
@@ -56,6 +67,11 @@ def test_figures_and_points_have_their_units():
     assert (point.cost, point.low, point.high) == pytest.approx((2.0, 1.0, 4.0))
 
 
+def by_itself(size, tell, engine):
+    """Measure a study; its size decides the engine."""
+    return studies.measure(size, tell)
+
+
 SMALLEST = [
     (batch.measure, batch.Size(targets=8, scans=4, peer_targets=1, repetitions=2)),
     (streaming.measure, streaming.Size(scans=20, repetitions=1)),
@@ -67,6 +83,7 @@ SMALLEST = [
         scaling.Size((2, 20), 3, (2, 4), 4, (1, 3), (3, 5), (4, 3), repetitions=2),
     ),
     (memory.measure, memory.Size(targets=100, scans=3)),
+    (by_itself, studies.Size(runs=2, peer_runs=1, repetitions=1, commands=0)),
 ]
 
 
@@ -86,7 +103,7 @@ def test_every_measurement_has_its_figures(measure, size, monkeypatch):
     for point in found.points:
         assert 0.0 < point.low <= point.cost <= point.high
     for figure in found.figures:
-        if figure.goal in (batch.SAME, engines.SAME):
+        if figure.goal in (batch.SAME, engines.SAME, studies.SAME):
             assert figure.verdict == "met"
 
 

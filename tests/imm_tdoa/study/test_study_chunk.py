@@ -180,15 +180,19 @@ def test_recognition_by_hand() -> None:
     assert np.isnan(score.per_run(single, alone, series, ways, times, every)["mode_hit"])
 
 
-def test_one_thread_while_a_chunk_is_computed() -> None:
-    from threadpoolctl import threadpool_info
-
-    from imm_tdoa.study.chunk import one_thread
-
-    with one_thread():
-        inside = [pool["num_threads"] for pool in threadpool_info()]
-    assert inside
-    assert set(inside) == {1}
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_nees_in_small_and_where_the_covariance_is_none(d: int) -> None:
+    rng = np.random.default_rng(d)
+    root = rng.normal(size=(4, 5, d, d))
+    P, e = root @ np.swapaxes(root, -1, -2), rng.normal(size=(4, 5, d))
+    P[0, 0, -1, -1] *= -1.0
+    P[1, 2, 0, 0] = 0.0
+    P[2, 1], e[3, 3] = np.nan, np.nan
+    value = score.nees(e, P)
+    lost = np.zeros((4, 5), dtype=bool)
+    lost[[0, 1, 2, 3], [0, 2, 1, 3]] = True
+    assert np.array_equal(np.isnan(value), lost)
+    assert value[~lost] == pytest.approx(metrics.nees(e[~lost], P[~lost]), rel=1e-9)
 
 
 def test_banks_go_by_modes_of_that_name_before_the_model() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from study_cases import contents, tiny
 
-from imm_tdoa.study import Progress, engines, run
+from imm_tdoa.study import Progress, Store, engines, run, running
 from imm_tdoa.study import executors as who
 
 
@@ -25,6 +25,32 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 def test_any_number_of_workers(tmp_path: Path, workers: int, alone: dict[str, bytes]) -> None:
     run(tiny(), tmp_path, workers=workers)
     assert contents(tmp_path) == alone
+
+
+def test_threads_where_the_work_is_brief(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, alone: dict[str, bytes]
+) -> None:
+    before = set(children())
+    monkeypatch.setattr(running, "_brief", lambda study, store: True)
+    run(tiny(), tmp_path, workers=3)
+    assert contents(tmp_path) == alone
+    assert set(children()) <= before
+
+
+def test_what_brief_work_is(tmp_path: Path) -> None:
+    """What is compiled and short: neither a long study nor one that NumPy computes."""
+    plan = tiny(("runs = 20", "runs = 100"))
+    store = Store(tmp_path)
+    store.open(plan)
+    store.save_engines(("compiled", "compiled"))
+    assert running._brief(plan, store)
+    many = tiny(("runs = 20", f"runs = {who.BRIEF // 10}"))
+    assert not running._brief(many, store)
+    store.save_engines(("compiled", "numpy"))
+    assert not running._brief(plan, store)
+    assert isinstance(who.executor(2, brief=True), who.Threads)
+    assert isinstance(who.executor(2), who.Processes)
+    assert isinstance(who.executor(1, brief=True), who.Here)
 
 
 def children() -> list[int]:
