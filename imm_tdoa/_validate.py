@@ -9,6 +9,8 @@ import numpy as np
 
 from imm_tdoa.contract import Array
 
+SMALL = 10_000  # numbers, of which a mask takes no memory worth sparing
+
 
 def array(
     name: str,
@@ -49,7 +51,7 @@ def array(
             text = ", ".join(str(w) for w in wanted) + ("," if len(wanted) == 1 else "")
             text = f"({'..., ' if batch else ''}{text})"
             raise ValueError(f"{name}: expected shape {text}, got {result.shape}")
-    if finite and not np.all(np.isfinite(result)):
+    if finite and not np.isfinite(result).all():
         raise ValueError(f"{name}: expected finite numbers, {_first_bad(~np.isfinite(result))}")
     if not finite and result.size and _infinite(result):
         raise ValueError(
@@ -61,7 +63,9 @@ def array(
 
 
 def _infinite(a: Array) -> bool:
-    """Whether any number is infinite; no array as large as `a` is made to find out."""
+    """Whether any number is infinite; no array as large as a large `a` is made to find out."""
+    if a.size < SMALL:
+        return bool(np.isinf(a).any())
     return bool(np.isinf(np.fmax.reduce(a, axis=None)) or np.isinf(np.fmin.reduce(a, axis=None)))
 
 
@@ -140,6 +144,9 @@ def one_of(name: str, value: Any, choices: Sequence[Any]) -> None:
 
 def fitting(**shapes: tuple[int, ...]) -> tuple[int, ...]:
     """Return what the batch axes of the named arguments broadcast to, or raise."""
+    first, *others = shapes.values()
+    if all(shape == first for shape in others):
+        return first
     try:
         return np.broadcast_shapes(*shapes.values())
     except ValueError:
@@ -149,9 +156,9 @@ def fitting(**shapes: tuple[int, ...]) -> tuple[int, ...]:
 
 def refuse_backwards(name: str, of: str, before: Array, after: Array) -> None:
     """Raise if a time `after` (...) lies before the time `before` (...)."""
-    before, after = np.broadcast_arrays(before, after)
-    back = after < before
-    if np.any(back):
+    back = np.asarray(after < before)
+    if back.any():
+        before, after = np.broadcast_arrays(before, after)
         raise ValueError(
             f"{name}: expected a time at or after the {of}'s, {before[back][0]:g} s, "
             f"got {after[back][0]:g} s"

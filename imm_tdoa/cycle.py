@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import attrs
 import numpy as np
-from scipy.special import chdtri
+import scipy
 
 from imm_tdoa import gaussian, initiation, mixture, observation, robust, update
 from imm_tdoa.bank import Bank
@@ -138,7 +138,7 @@ class Cycle:
                     judged = update.curvature(
                         measurement, x, P, position, velocity, state.time, z, judged
                     )
-                threshold = chdtri(1.0, 1.0 - self.gate_probability)  # chi-square quantile
+                threshold = scipy.special.chdtri(1.0, 1.0 - self.gate_probability)
                 reading = robust.gate(judged, log_c, P, threshold)
             else:
                 reading = robust.student_t(judged, log_c, P, self.degrees_of_freedom)

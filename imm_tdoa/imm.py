@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import attrs
 import numpy as np
 
 from imm_tdoa import _validate, initiation
 from imm_tdoa.bank import Bank
-from imm_tdoa.contract import AXES, Array, Index, MeasurementModel
+from imm_tdoa.compiled import Compiled
+from imm_tdoa.contract import AXES, Array, MeasurementModel
 from imm_tdoa.cycle import ROBUST, UPDATES, Cycle, RobustRule, UpdateRule
-from imm_tdoa.engine import ENGINES, Engine, choose, ready_to_step
+from imm_tdoa.engine import ENGINES, Engine, choose
 from imm_tdoa.keeping import kept_rows
-from imm_tdoa.kernel.plan import Plan, why_not
+from imm_tdoa.kernel.plan import Plan
 from imm_tdoa.mixing import MERGING, Merging
+from imm_tdoa.passage import through
 from imm_tdoa.reopening import Trust
 from imm_tdoa.scans import Scans
 from imm_tdoa.state import State, Taken
 from imm_tdoa.statespace import StateSpace, apply_lift, lift
 from imm_tdoa.track import Track
-
-if TYPE_CHECKING:
-    from imm_tdoa.kernel.stepping import Stepper
 
 
 @attrs.frozen(eq=False)
@@ -75,7 +75,7 @@ class IMM:
     degrees_of_freedom: float = attrs.field(default=4.0, kw_only=True)
     reopen_after: int = attrs.field(default=5, kw_only=True)
     _cycle: Cycle = attrs.field(init=False, repr=False)
-    _compiled: dict[str, Any] = attrs.field(init=False, factory=dict, repr=False)
+    _compiled: Compiled = attrs.field(init=False, repr=False)
 
     def __attrs_post_init__(self) -> None:
         if not isinstance(self.bank, Bank):
@@ -108,6 +108,7 @@ class IMM:
             self.reopen_after,
         )
         object.__setattr__(self, "_cycle", cycle)
+        object.__setattr__(self, "_compiled", Compiled(self))
 
     @property
     def space(self) -> StateSpace:
@@ -216,7 +217,8 @@ class IMM:
             A time before the state's, infinite values, a wrong number of rows.
         """
         if engine != "numpy" and pairs is None and measurement is None:
-            quick = self._stepper(engine)
+            _validate.one_of("engine", engine, ENGINES)
+            quick = self._compiled.stepper(engine)
             done = None if quick is None else quick.take(state, time, values)
             if done is not None:
                 return done
@@ -238,7 +240,7 @@ class IMM:
         _validate.refuse_backwards("time", "state", state.time, time)
         dt = time - state.time
         own = own and measurement.size == self.measurement.size
-        chosen = choose(self, int(np.prod(batch)), 1, engine)
+        chosen = choose(self, math.prod(batch), 1, engine)
         if chosen == "compiled" and own:
             from imm_tdoa.kernel.stepping import step
 
@@ -257,24 +259,10 @@ class IMM:
             A bank or measurement that the compiled engine does not support.
         """
         choose(self, 1, 1, "compiled")
-        self._stepper("compiled")
+        self._compiled.stepper("compiled")
         state = self.start(0.0, np.zeros(self.space.dims), np.eye(self.space.dims))
         self.step(state, 0.0, np.full(self.measurement.size, np.nan), engine="compiled")
         return self
-
-    def _stepper(self, engine: Engine) -> Stepper | None:
-        """What takes a single target through a step quickly, where there is such a thing."""
-        _validate.one_of("engine", engine, ENGINES)
-        known: Stepper | None = self._compiled.get("stepper")
-        if known is None and "stepper" not in self._compiled:
-            if engine == "auto" and not ready_to_step():
-                return None
-            if self.cannot_compile is None:
-                from imm_tdoa.kernel.stepping import Stepper
-
-                known = Stepper(self) if Stepper.fits(self) else None
-            self._compiled["stepper"] = known
-        return known
 
     def _own(self, name: str, state: State) -> State:
         """Return the state as one of this IMM; another that made it may have another birth law."""
@@ -333,8 +321,8 @@ class IMM:
         scans = Scans.checked(self.measurement, times, values, pairs)
         if threads is not None and (not isinstance(threads, int) or threads < 1):
             raise ValueError(f"threads: expected a number, 1 or more, got {threads!r}")
-        kept_rows(keep, scans.count)
-        targets = int(np.prod(scans.batch))
+        kept_rows(keep, scans.count)  # refused before a fix is sought
+        targets = math.prod(scans.batch)
         chosen = choose(self, targets, scans.count, engine)
         if start is None:
             state, first = initiation.start_from_scans(self, scans)
@@ -344,67 +332,7 @@ class IMM:
             batch = _validate.fitting(start=own, times_and_values=scans.batch)
             _validate.refuse_backwards("times", "start", start.time, scans.times[..., 0])
             state, first = start, np.full(batch, -1)
-        return self._run(scans, state, first, chosen, keep, threads)
-
-    def _run(
-        self,
-        scans: Scans,
-        state: State,
-        first: Index,
-        engine: Literal["numpy", "compiled"],
-        keep: str,
-        threads: int | None,
-    ) -> Track:
-        """Step through the scans after `first` (...), the last that each target's fix used."""
-        begin = int(first.min())
-        rows = np.arange(max(begin, 0), scans.count)
-        rows = rows[kept_rows(keep, len(rows))]
-        times = scans.times[..., rows]
-        bank = self._cycle.bank
-        if engine == "numpy":
-            states = self._states(scans, state, first, rows)
-            track = Track.from_states(states, times, bank=bank, update=self.update, keep=keep)
-        else:
-            from imm_tdoa.kernel.running import run
-            from imm_tdoa.kernel.tracking import track_of
-
-            kept = np.full(scans.count, -1)
-            kept[rows] = np.arange(len(rows))
-            records = run(self, self.plan, scans, state, first, kept, threads)
-            whole = records.reshape(*first.shape, *records.shape[1:])
-            track = track_of(self.plan, whole, times, state, bank, keep)
-        if begin == int(first.max()):
-            return track
-        return track.blanked(rows < first[..., None])
-
-    def _states(self, scans: Scans, state: State, first: Index, rows: Index) -> list[State]:
-        """States after the scans `rows`, by NumPy.
-
-        A target waits for its own start by steps of no length without measurement, which leave
-        it as it is.
-        """
-        begin = int(first.min())
-        nothing = Taken.nothing(first.shape, len(self.bank), scans.measurement.size)
-        state = attrs.evolve(state, taken=nothing)
-        later = slice(begin + 1, None)
-        clock = np.maximum(scans.times[..., later], state.time[..., None])
-        dt = np.diff(
-            clock, axis=-1, prepend=np.broadcast_to(state.time[..., None], (*clock.shape[:-1], 1))
-        )
-        chain = self.chain(dt)
-        waiting = np.arange(begin + 1, scans.count) <= first[..., None]
-        values = np.where(waiting[..., None], np.nan, scans.values[..., later, :])
-        kept = set(rows.tolist())
-        states = [state] if begin in kept else []
-        for k in range(begin + 1, scans.count):
-            i = k - begin - 1
-            state = self.cycle(
-                state, clock[..., i], dt[..., i], chain[..., i, :, :], values[..., i, :],
-                scans.measured_at(k),
-            )  # fmt: skip
-            if k in kept:
-                states.append(state)
-        return states
+        return through(self, scans, state, first, chosen, keep, threads)
 
     def chain(self, dt: Array) -> Array:
         """Return the transition matrices (..., r, r) of the modes over `dt` (...) s."""
@@ -418,15 +346,9 @@ class IMM:
     @property
     def plan(self) -> Plan:
         """What the compiled engine is told of this IMM."""
-        if "plan" not in self._compiled:
-            self._compiled["plan"] = Plan.of(self)
-        plan: Plan = self._compiled["plan"]
-        return plan
+        return self._compiled.plan
 
     @property
     def cannot_compile(self) -> str | None:
         """What of this IMM the compiled engine does not support; None where it supports all."""
-        if "why not" not in self._compiled:
-            self._compiled["why not"] = why_not(self)
-        reason: str | None = self._compiled["why not"]
-        return reason
+        return self._compiled.why_not

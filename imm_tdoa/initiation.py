@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import attrs
 import numpy as np
-from scipy.special import chdtri
+import scipy
 
 from imm_tdoa import gaussian, observation
 from imm_tdoa.contract import AXES, Array, Index, Mask, component_names
@@ -148,7 +148,9 @@ def _rows(scans: Scans) -> Index:
 def _usable(scans: Scans, fix: Fix, spare: int) -> Mask:
     """Whether a filter may begin at the fix (...): determined, uncontradicted, unrivalled."""
     enough = np.asarray(fix.converged) & (fix.dof >= spare)
-    agrees = (fix.dof == 0) | (fix.chi2 <= chdtri(np.maximum(fix.dof, 1), 1.0 - CONTRADICTION))
+    agrees = (fix.dof == 0) | (
+        fix.chi2 <= scipy.special.chdtri(np.maximum(fix.dof, 1), 1.0 - CONTRADICTION)
+    )
     alone = True if fix.mirror is None else np.isnan(fix.mirror).all(axis=-1)
     good = enough & agrees & alone
     if np.any(good):
@@ -216,6 +218,6 @@ def _reason(scans: Scans, fix: Fix) -> str:
             f"two places explain the last scans: {np.round(fix.position, 1).tolist()} and "
             f"{np.round(fix.mirror, 1).tolist()}"
         )
-    if fix.dof > 0 and fix.chi2 > chdtri(fix.dof, 1.0 - CONTRADICTION):
+    if fix.dof > 0 and fix.chi2 > scipy.special.chdtri(fix.dof, 1.0 - CONTRADICTION):
         return f"the last scans contradict each other, chi2 {fix.chi2:.3g} with {fix.dof} spare"
     return "the fixes are too uncertain"

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import attrs
 import numpy as np
-from scipy.special import digamma, gammaln
+import scipy
 
 from imm_tdoa import gaussian, mixture
 from imm_tdoa.contract import Array, Index, Mask
@@ -382,11 +382,11 @@ def _tail_price(lam: Array, dof: float) -> Array:
     """What the variational bound pays for trusting a source by `lam` instead of 1."""
     a, a0 = 0.5 * (dof + 1.0), 0.5 * dof
     b = a / lam
-    log_lam = digamma(a) - np.log(b)
+    log_lam = scipy.special.digamma(a) - np.log(b)
     divergence = (
-        (a - a0) * digamma(a)
-        - gammaln(a)
-        + gammaln(a0)
+        (a - a0) * scipy.special.digamma(a)
+        - scipy.special.gammaln(a)
+        + scipy.special.gammaln(a0)
         + a0 * (np.log(b) - np.log(a0))
         + a * (a0 - b) / b
     )

@@ -37,14 +37,25 @@ class Scans:
     def checked(
         cls, measurement: MeasurementModel, times: Any, values: Any, pairs: Any = None
     ) -> Scans:
-        """Return the scans, or raise a ValueError that names what does not fit."""
+        """Return the scans, checked.
+
+        Parameters
+        ----------
+        measurement, times, values, pairs
+            See `Scans`.
+
+        Raises
+        ------
+        ValueError
+            Decreasing times, shapes or batch axes that do not fit, pairs that do not exist.
+        """
         times = _validate.array("times", times, (None, "T"))
         T = times.shape[-1]
         if T == 0:
             raise ValueError("times: expected at least one scan, got none")
-        back = np.argwhere(np.diff(times) < 0.0)
-        if len(back):
-            *target, k = (int(i) for i in back[0])
+        back = times[..., 1:] < times[..., :-1]
+        if back.any():
+            *target, k = (int(i) for i in np.argwhere(back)[0])
             before, after = times[(*target, slice(k, k + 2))]
             raise ValueError(
                 f"times: expected times that do not decrease, times[{k + 1}] = {after:g} s "
@@ -79,16 +90,29 @@ class Scans:
     @property
     def batch(self) -> tuple[int, ...]:
         """Batch axes: targets that share the measurement model."""
-        return np.broadcast_shapes(self.values.shape[:-2], self.times.shape[:-1])
+        own = self.values.shape[:-2]
+        return own if self.times.ndim == 1 else np.broadcast_shapes(own, self.times.shape[:-1])
 
     def measured_at(self, k: int) -> MeasurementModel:
-        """Return the measurement model of scan k, with its pairs."""
+        """Return the measurement model of one scan, with its pairs.
+
+        Parameters
+        ----------
+        k : int
+            Which scan.
+        """
         if self.pairs is None:
             return self.measurement
         return self.measurement.with_pairs(self.pairs[..., k, :, :])
 
     def part(self, scans: slice) -> Scans:
-        """Return some of the scans."""
+        """Return some of the scans.
+
+        Parameters
+        ----------
+        scans : slice
+            Which ones.
+        """
         pairs = None if self.pairs is None else self.pairs[..., scans, :, :]
         return Scans(self.measurement, self.times[..., scans], self.values[..., scans, :], pairs)
 
@@ -97,7 +121,13 @@ class Scans:
         return self.measurement if self.pairs is None else self.measurement.with_pairs(self.pairs)
 
     def of_target(self, index: tuple[int, ...]) -> Scans:
-        """Return the scans of one target of the batch."""
+        """Return the scans of one target of the batch.
+
+        Parameters
+        ----------
+        index : tuple of int
+            Which one, a number for each batch axis.
+        """
         times = np.broadcast_to(self.times, (*self.batch, self.count))[index]
         values = np.broadcast_to(self.values, (*self.batch, *self.values.shape[-2:]))[index]
         pairs = self.pairs
@@ -107,6 +137,8 @@ class Scans:
 
 
 def _fit(name: str, own: tuple[int, ...], values: tuple[int, ...]) -> tuple[int, ...]:
+    if own in ((), values):
+        return values
     try:
         return np.broadcast_shapes(own, values)
     except ValueError:

@@ -1,0 +1,53 @@
+"""What the compiled engine keeps of an IMM: made when first asked for."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from imm_tdoa.engine import Engine, ready_to_step
+from imm_tdoa.kernel.plan import Plan, why_not
+
+if TYPE_CHECKING:
+    from imm_tdoa.imm import IMM
+    from imm_tdoa.kernel.stepping import Stepper
+
+
+class Compiled:
+    """Whether the compiled engine supports an IMM, and what it is told of it.
+
+    Parameters
+    ----------
+    imm : IMM
+        The estimator.
+    """
+
+    def __init__(self, imm: IMM) -> None:
+        self.imm = imm
+
+    @cached_property
+    def why_not(self) -> str | None:
+        """What of the IMM is not supported; None where all is."""
+        return why_not(self.imm)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """What the recursion is told."""
+        return Plan.of(self.imm)
+
+    @cached_property
+    def _stepper(self) -> Stepper | None:
+        if self.why_not is not None:
+            return None
+        from imm_tdoa.kernel.stepping import Stepper
+
+        return Stepper(self.imm) if Stepper.fits(self.imm) else None
+
+    def stepper(self, engine: Engine) -> Stepper | None:
+        """Return what takes a single target through a step quickly, where there is such a thing.
+
+        With ``"auto"`` only where it is ready: a stream never waits for it.
+        """
+        if engine == "auto" and "_stepper" not in self.__dict__ and not ready_to_step():
+            return None
+        return self._stepper
