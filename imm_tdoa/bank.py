@@ -96,13 +96,31 @@ class Bank:
         return len(self.models)
 
     def space(self, dims: int) -> StateSpace:
-        """Return how the modes' components fit together in `dims` space dimensions."""
+        """Return how the modes' components fit together.
+
+        Parameters
+        ----------
+        dims : int
+            Number of space dimensions.
+        """
         if dims not in self._spaces:
             self._spaces[dims] = state_space(self.models, self.names, dims, self.birth_std)
         return self._spaces[dims]
 
     def chain(self, dt: float | Array) -> Array:
-        """Return the transition matrix Pi (..., r, r) over `dt` (...) s; rows sum to one."""
+        """Return the Markov chain between the modes over a time step (§9.2).
+
+        Parameters
+        ----------
+        dt : float or (...)
+            Time step, s. Nothing switches in no time; a fixed `transition` is applied once,
+            however long the step.
+
+        Returns
+        -------
+        (..., r, r)
+            Pi, from row to column; rows sum to one.
+        """
         dt = _validate.time_step(dt)
         r = len(self.models)
         if r == 1:
@@ -112,7 +130,13 @@ class Bank:
         return _exponential(self.generator(), dt)
 
     def generator(self) -> Array:
-        """Return the generator (r, r), 1/s: rows sum to zero, leave rate 1/mean_sojourn."""
+        """Return the generator (r, r), 1/s: rows sum to zero, leave rate 1/mean_sojourn.
+
+        Raises
+        ------
+        ValueError
+            The bank has a fixed transition matrix.
+        """
         if self.mean_sojourn is None:
             raise ValueError("this bank has a fixed transition matrix and no generator")
         r = len(self.models)

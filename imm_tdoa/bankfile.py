@@ -106,7 +106,20 @@ def load(name_or_path: str | Path) -> Bank:
 
 
 def parse(text: str, file: str = "bank") -> Bank:
-    """Return the bank written in `text` (TOML); `file` is what messages call it."""
+    """Return the bank that a text describes.
+
+    Parameters
+    ----------
+    text : str
+        TOML, as in a bank file.
+    file : str
+        What messages call it.
+
+    Raises
+    ------
+    ValueError
+        What is wrong with it, and where.
+    """
     content = _structure.structure(_structure.parse(text, file), _File, file)
     models = [_model(mode, f"{file}: modes[{i}]") for i, mode in enumerate(content.modes)]
     names = _mode_names(content.modes, file)

@@ -24,7 +24,15 @@ KINDS = ("position", "velocity", "acceleration")
 
 
 def component_names(dims: int, order: int) -> tuple[str, ...]:
-    """Names of a state blocked by derivative order, e.g. ``x y vx vy`` for dims 2, order 1."""
+    """Names of a state blocked by derivative order, e.g. ``x y vx vy`` for dims 2, order 1.
+
+    Parameters
+    ----------
+    dims : int
+        Number of space dimensions: 1, 2 or 3.
+    order : int
+        Highest derivative: 0 position, 1 velocity, 2 acceleration.
+    """
     return tuple(PREFIX[k] + axis for k in range(order + 1) for axis in AXES[:dims])
 
 
@@ -37,19 +45,56 @@ class MotionModel(Protocol):
     """
 
     def components(self, dims: int) -> tuple[str, ...]:
-        """Return the names of the n state components in `dims` space dimensions."""
+        """Return the names of the n state components.
+
+        Parameters
+        ----------
+        dims : int
+            Number of space dimensions: 1, 2 or 3.
+
+        Returns
+        -------
+        tuple of str
+            Positions first, as ``x y vx vy``; different models are matched by these names.
+        """
         ...
 
     def propagate(self, x: Array, dt: float | Array) -> Array:
-        """Return the state (..., n) a time `dt` (...) s after state `x` (..., n)."""
+        """Return the state some time later, noise left out.
+
+        Parameters
+        ----------
+        x : (..., n)
+            State, SI units.
+        dt : float or (...)
+            Time step, s, 0 or more.
+
+        Returns
+        -------
+        (..., n)
+            State `dt` later; `x` itself for a step of 0.
+        """
         ...
 
     def jacobian(self, x: Array, dt: float | Array) -> Array:
-        """Return d propagate / d x, shape (..., n, n)."""
+        """Return d propagate(x, dt) / d x, shape (..., n, n)."""
         ...
 
     def process_noise(self, dt: float | Array, dims: int) -> Array:
-        """Return the covariance (..., n, n) of what `dt` (...) s add to the state at random."""
+        """Return the covariance of what a time step adds to the state at random.
+
+        Parameters
+        ----------
+        dt : float or (...)
+            Time step, s.
+        dims : int
+            Number of space dimensions.
+
+        Returns
+        -------
+        (..., n, n)
+            Q, symmetric and positive semi-definite; zero for a step of 0.
+        """
         ...
 
 
@@ -65,7 +110,20 @@ class LinearMotion:
         raise NotImplementedError
 
     def transition(self, dt: float | Array, dims: int) -> Array:
-        """Return the transition matrix F (..., n, n) over `dt` (...) s."""
+        """Return the matrix that takes a state to the state some time later.
+
+        Parameters
+        ----------
+        dt : float or (...)
+            Time step, s.
+        dims : int
+            Number of space dimensions.
+
+        Returns
+        -------
+        (..., n, n)
+            F, with x(t + dt) = F x(t).
+        """
         raise NotImplementedError
 
     def propagate(self, x: Array, dt: float | Array) -> Array:
@@ -94,7 +152,8 @@ class MeasurementModel(Protocol):
 
     A measurement model sees position and velocity, never a motion model's state vector: one
     measurement model serves every motion model. It works in internal units (metres, metres per
-    second, radians): ``internal = scale * given value``.
+    second, radians): ``internal = scale * given value``. Where its methods take `position`,
+    `velocity` and `time`, they are those of `predict`.
     """
 
     @property
@@ -123,9 +182,20 @@ class MeasurementModel(Protocol):
         ...
 
     def predict(self, position: Array, velocity: Array, time: float | Array) -> Array:
-        """Return the noise-free rows (..., m) for position and velocity (..., d) at `time`.
+        """Return what would be measured without noise.
 
-        NaN where a row cannot be measured then (a station that is not heard).
+        Parameters
+        ----------
+        position, velocity : (..., d)
+            Of the emitter, m and m/s.
+        time : float or (...)
+            When, s: stations may move.
+
+        Returns
+        -------
+        (..., m)
+            Rows in internal units; NaN where a row cannot be measured then (a station that is
+            not heard).
         """
         ...
 
@@ -136,32 +206,64 @@ class MeasurementModel(Protocol):
         ...
 
     def noise_covariance(self, position: Array, velocity: Array, time: float | Array) -> Array:
-        """Return the noise covariance R (..., m, m)."""
+        """Return the noise covariance R (..., m, m), full where rows share a source of error."""
         ...
 
     def error_sources(
         self, position: Array, velocity: Array, time: float | Array
     ) -> tuple[Array, Array]:
-        """Return how k independent errors enter the rows, (..., m, k), and variances (..., k).
+        """Return what can go grossly wrong by itself, and how it enters the rows.
 
-        What can go grossly wrong by itself: an arrival that two differences share is one source.
-        Robust filters judge sources, so that no result depends on the choice of reference.
+        An arrival that two differences share is one source. Robust filters judge sources, so
+        that no result depends on the choice of reference.
+
+        Returns
+        -------
+        (..., m, k), (..., k)
+            How much each of k independent errors adds to each row, and their variances.
         """
         ...
 
     def independent(self, present: Mask) -> Mask:
-        """Return `present` (..., m) less the rows that only repeat what other rows say."""
+        """Return which rows count once those that only repeat others are left out.
+
+        Parameters
+        ----------
+        present : (..., m) bool
+            Rows that were measured.
+
+        Returns
+        -------
+        (..., m) bool
+            `present` less the redundant rows.
+        """
         ...
 
     def anchors(self, time: float | Array, present: Mask) -> Array:
-        """Return positions (..., k, d) of the stations behind the `present` rows (..., m).
+        """Return where the stations are that tell a search for the emitter where to begin.
 
-        They tell a search for the emitter where to begin; NaN where a station was not heard.
+        Parameters
+        ----------
+        time : float or (...)
+            When, s.
+        present : (..., m) bool
+            Rows that were measured.
+
+        Returns
+        -------
+        (..., k, d)
+            Positions of the stations behind those rows, m; NaN where one was not heard.
         """
         ...
 
     def with_pairs(self, pairs: Any) -> MeasurementModel:
-        """Return the same model for other station pairs (..., m, 2)."""
+        """Return the same model for other station pairs.
+
+        Parameters
+        ----------
+        pairs : (..., m, 2) int
+            Station and reference of each row.
+        """
         ...
 
 
@@ -169,7 +271,8 @@ class Measurement:
     """Defaults for a measurement model; a subclass supplies what is marked abstract.
 
     `dims`, `size`, `predict`, `jacobian` and `noise_covariance` are the subclass's. The rest
-    says: SI units, no angles, no shared offset, no redundant rows, no station pairs.
+    says: SI units, no angles, no shared offset, no redundant rows, no station pairs. Arguments
+    and results are those of `MeasurementModel`.
     """
 
     @property
@@ -217,5 +320,11 @@ class Measurement:
         return np.zeros((*present.shape[:-1], 0, self.dims))
 
     def with_pairs(self, pairs: Any) -> Self:
-        """Return the same model for other station pairs (..., m, 2)."""
+        """Refuse: there are no station pairs here.
+
+        Raises
+        ------
+        ValueError
+            Always.
+        """
         raise ValueError(f"pairs: {type(self).__name__} does not measure station pairs")

@@ -48,7 +48,13 @@ class EastNorthUp:
         return np.array([-sl, cl, 0.0, -s * cl, -s * sl, c, c * cl, c * sl, s, *origin])
 
     def to_geodetic(self, position: Array) -> tuple[Array, Array, Array]:
-        """Return latitude, longitude (degrees) and ellipsoidal height (m) of (..., 3) points."""
+        """Return latitude and longitude, degrees, and height above the ellipsoid, m.
+
+        Parameters
+        ----------
+        position : (..., 3)
+            Points of this frame, m.
+        """
         p = _validate.array("position", position, (None, 3), finite=False)
         ecef = pymap3d.enu2ecef(
             p[..., 0], p[..., 1], p[..., 2], self.lat_deg, self.lon_deg, self.height_m
@@ -56,7 +62,20 @@ class EastNorthUp:
         return _geodetic(*(np.asarray(c, dtype=float) for c in ecef))
 
     def from_geodetic(self, lat_deg: Array, lon_deg: Array, height_m: Array) -> Array:
-        """Return points (..., 3) of this frame, m, from latitude, longitude and height."""
+        """Return points (..., 3) of this frame, m.
+
+        Parameters
+        ----------
+        lat_deg, lon_deg : (...)
+            Latitude and longitude, degrees.
+        height_m : (...)
+            Height above the ellipsoid, m.
+
+        Raises
+        ------
+        ValueError
+            Latitudes beyond the poles, or no numbers.
+        """
         given = {"lat_deg": lat_deg, "lon_deg": lon_deg, "height_m": height_m}
         checked = [_validate.array(name, a, finite=False) for name, a in given.items()]
         lat, lon, h = np.broadcast_arrays(*checked)
@@ -70,6 +89,11 @@ class EastNorthUp:
         """Return heights (...) above the ellipsoid, m, and their gradients (..., 3).
 
         The gradient is the ellipsoid's outward normal at the point's foot: exact.
+
+        Parameters
+        ----------
+        position : (..., 3)
+            Points of this frame, m.
         """
         lat, lon, h = self.to_geodetic(position)
         phi, lam = np.radians(lat), np.radians(lon)

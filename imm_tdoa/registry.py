@@ -23,13 +23,24 @@ def _entries() -> dict[str, EntryPoint]:
 
 
 def names(kind: Literal["motion", "measurement"] | None = None) -> tuple[str, ...]:
-    """Names of all registered models, or of one kind, sorted."""
+    """Names of the registered models, sorted.
+
+    Parameters
+    ----------
+    kind : "motion" or "measurement", optional
+        Only models of this kind; default all.
+    """
     found = sorted(_entries())
     return tuple(found if kind is None else [n for n in found if kind_of(load(n)) == kind])
 
 
 def load(name: str) -> Any:
-    """Return the model class registered under `name`.
+    """Return the model class registered under a name.
+
+    Parameters
+    ----------
+    name : str
+        As ``constant-velocity``; `names` lists them.
 
     Raises
     ------
@@ -47,13 +58,30 @@ def load(name: str) -> Any:
 
 
 def origin(name: str) -> str:
-    """Return the distribution that provides the model `name`."""
+    """Return the distribution that provides a model.
+
+    Parameters
+    ----------
+    name : str
+        A registered name.
+    """
     entry = _entries()[name]
     return entry.dist.name if entry.dist is not None else "?"
 
 
 def kind_of(model: Any) -> Literal["motion", "measurement"]:
-    """Tell a motion model (it has process noise) from a measurement model."""
+    """Tell a motion model (it has process noise) from a measurement model.
+
+    Parameters
+    ----------
+    model : object
+        A model or its class.
+
+    Raises
+    ------
+    ValueError
+        It is neither.
+    """
     if hasattr(model, "process_noise"):
         return "motion"
     if hasattr(model, "noise_covariance"):
@@ -62,7 +90,13 @@ def kind_of(model: Any) -> Literal["motion", "measurement"]:
 
 
 def name_of(model: object) -> str:
-    """Return the registered name of a model's class, or its class name where it has none."""
+    """Return the registered name of a model's class, or its class name where it has none.
+
+    Parameters
+    ----------
+    model : object
+        A model.
+    """
     cls = type(model)
     for name, entry in _entries().items():
         if entry.attr == cls.__name__ and entry.load() is cls:

@@ -99,9 +99,21 @@ def against_truth(track: Track, recording: Recording, target: str | None = None)
 
 
 def against_points(track: Track, times: Any, position: Any) -> Errors | None:
-    """Compare a track with true positions (K, d), m, at `times` (K,), s, straight in between.
+    """Compare a track with true positions, straight in between.
 
-    None where they have no time in common.
+    Parameters
+    ----------
+    track : Track
+        Of one target.
+    times : (K,)
+        When the target was there, s.
+    position : (K, d)
+        Where it was, m.
+
+    Returns
+    -------
+    Errors or None
+        None where they have no time in common.
     """
     times = _validate.array("times", times, ("K",))
     place = _validate.array("position", position, (len(times), track.space.dims))
@@ -139,7 +151,13 @@ def _errors(
 
 
 def pooled(errors: Sequence[Errors]) -> Errors:
-    """Return the errors of several tracks as those of one; velocities of those that have any."""
+    """Return the errors of several tracks as those of one; velocities of those that have any.
+
+    Parameters
+    ----------
+    errors : sequence of Errors
+        One or more, along the same axes.
+    """
     speeds = [e.velocity for e in errors if e.velocity is not None]
     return Errors(
         times=np.concatenate([e.times for e in errors]),

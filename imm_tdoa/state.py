@@ -129,6 +129,20 @@ def combine(
 
     For output only: a mode without a component says that it is zero (a static emitter has no
     velocity), so it is lifted with zeros, whatever the bank's mixing rule.
+
+    Parameters
+    ----------
+    space : StateSpace
+        How the modes' components fit together.
+    probability : (..., r)
+        Mode probabilities.
+    means, covariances : sequence of (..., n_j), (..., n_j, n_j)
+        Each mode's own estimate.
+
+    Returns
+    -------
+    (..., n), (..., n, n)
+        Mean and covariance, spread between the modes included.
     """
     n = len(space.components)
     zero = np.zeros(n), np.zeros((n, n))

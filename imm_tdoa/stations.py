@@ -107,11 +107,21 @@ class Stations:
         return self.times is not None
 
     def at(self, time: float | Array = 0.0) -> tuple[Array, Array]:
-        """Return positions and velocities (..., S, d) at `time` (...) s.
+        """Return where the stations are, and how fast.
 
         A moving station is where its sample says at exactly that time, interpolated in between
         where it was sampled on both sides, and NaN (unheard) otherwise. Velocities that were
         never given are zero for fixed stations and the slope of the line for moving ones.
+
+        Parameters
+        ----------
+        time : float or (...)
+            When, s.
+
+        Returns
+        -------
+        (..., S, d), (..., S, d)
+            Positions, m, and velocities, m/s; without the leading axes for fixed stations.
         """
         if self.times is None or self._sampled is None:
             rest = np.zeros_like(self.positions) if self.velocities is None else self.velocities

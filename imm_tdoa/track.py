@@ -44,6 +44,8 @@ class Track:
         Whether the track was widened there because it was lost.
     bank : Bank
         The bank that made it.
+    space : StateSpace
+        What the components of `mean` are, and how those of the modes fit into them.
     modes : tuple of str
         Mode names.
     update : str
@@ -88,7 +90,17 @@ class Track:
         update: str = "ekf",
         keep: str = "all",
     ) -> Track:
-        """Stack the states of successive scans at `times` (T,) or (..., T)."""
+        """Stack the states of successive scans.
+
+        Parameters
+        ----------
+        states : sequence of State
+            T of them, in order.
+        times : (T,) or (..., T)
+            Their times, s.
+        bank, update, keep
+            What the track says of how it was made; see `Track`.
+        """
         last = states[-1]
         batch = last.log_likelihood.shape
 
@@ -125,14 +137,23 @@ class Track:
     def smooth(self, method: Literal["pairwise", "kim"] = "pairwise") -> Track:
         """Return the track with every row estimated from all scans, later ones included (§9.5).
 
-        See `imm_tdoa.smoothing.smooth`.
+        Parameters
+        ----------
+        method : "pairwise" or "kim"
+            As for `imm_tdoa.smoothing.smooth`, which does it and says more.
         """
         from imm_tdoa.smoothing import smooth
 
         return smooth(self, method)
 
     def blanked(self, absent: Mask) -> Track:
-        """Return the track with NaN where `absent` (..., T)."""
+        """Return the track with NaN where a target is absent.
+
+        Parameters
+        ----------
+        absent : (..., T) bool
+            The rows to blank.
+        """
 
         def blank(a: Array, trailing: int) -> Array:
             mask = absent.reshape(absent.shape + (1,) * trailing)

@@ -1,4 +1,8 @@
-"""The plug-in shelf: motion and measurement models that ship with the library."""
+"""The plug-in shelf: motion and measurement models that ship with the library.
+
+Arguments and results of their methods are those of `imm_tdoa.contract.MotionModel` and
+`imm_tdoa.contract.MeasurementModel`; each model says what is its own.
+"""
 
 from imm_tdoa.models.measurement.fdoa import FDOA
 from imm_tdoa.models.measurement.height import Height

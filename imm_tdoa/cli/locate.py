@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from imm_tdoa.cli import output
+from imm_tdoa.cli import options, output, recordings
+from imm_tdoa.cli.options import RecordingFolder
 
 if TYPE_CHECKING:
     from imm_tdoa.cli.fixes import Fixes
@@ -31,7 +32,7 @@ class Method(StrEnum):
 
 
 def locate(
-    recording: Annotated[Path, typer.Argument(help="Folder of the recording.", show_default=False)],
+    recording: RecordingFolder = None,
     method: Annotated[
         Method,
         typer.Option(
@@ -66,14 +67,7 @@ def locate(
             "robust.",
         ),
     ] = False,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Folder to write to; default imm-tdoa-out/NAME OF THE RECORDING-fixes.",
-            show_default=False,
-        ),
-    ] = None,
+    out: Annotated[Path | None, options.out_named_after("NAME OF THE RECORDING-fixes")] = None,
 ) -> None:
     """Locate the emitter from each scan on its own, no motion assumed.
 
@@ -86,12 +80,13 @@ def locate(
     """
     from imm_tdoa.recording import read
 
-    data = read(recording)
+    with recordings.folder(recording) as place:
+        data = read(place)
+        home = output.folder(out, place, "-fixes")
     if station_sigma is not None:
         from imm_tdoa.cli.receiver_aware import with_station_errors
 
         data = with_station_errors(data, station_sigma)
-    home = output.folder(out, recording, "-fixes")
     robust = robust and method is Method.GAUSS_NEWTON and not sequence_filter
     stages: dict[str, Any] = {}
     with output.progress(None) as advance:
@@ -109,7 +104,7 @@ def locate(
         files = _write(home, data, found)
     facts = {
         "title": data.title,
-        "recording": recording.resolve().name,
+        "recording": place.resolve().name,
         "method": method.value,
         "robust": "student-t" if robust else None,
         "station_sigma_m": station_sigma,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from typing import Annotated, Any
 
 import attrs
@@ -85,14 +86,16 @@ def _parameters(model: Any) -> str:
 
 
 def _first_line(model: Any) -> str:
-    return next(iter((inspect.getdoc(model) or "").splitlines()), "")
+    """What the model says of itself, without the section of the specification it cites."""
+    line = next(iter((inspect.getdoc(model) or "").splitlines()), "")
+    return re.sub(r" \((ALGORITHMS )?§[^)]*\)", "", line)
 
 
 def _check(entries: list[Entry], out: Any) -> bool:
     """Print law by law; return whether all hold."""
     from imm_tdoa import testing
 
-    sound = True
+    faulty: list[str] = []
     found: list[tuple[Entry, list[testing.Verdict], str]] = []
     with output.progress(len(entries)) as advance:
         for entry in entries:
@@ -106,7 +109,8 @@ def _check(entries: list[Entry], out: Any) -> bool:
                 found.append((entry, [], f"cannot be tried: {type(error).__name__}: {error}"))
     for entry, verdicts, reason in found:
         broken = sum(v.outcome == "broken" for v in verdicts)
-        sound = sound and not broken and not reason
+        if broken or reason:
+            faulty.append(entry.name)
         held = sum(v.outcome == "holds" for v in verdicts)
         summary = reason or (f"{broken} laws BROKEN" if broken else f"all {held} laws hold")
         output.heading(out, f"\n{entry.name}: {summary}")
@@ -117,4 +121,7 @@ def _check(entries: list[Entry], out: Any) -> bool:
             outcome = Text(OUTCOME.get(v.outcome, v.outcome), style=style or "")
             table.add_row(Text(v.law), outcome, Text(told), style=style)
         out.print(table)
-    return sound
+    sound = len(entries) - len(faulty)
+    whose = f"; not {', '.join(faulty)}" if faulty else ""
+    output.heading(out, f"\n{sound} of {len(entries)} models keep every law{whose}")
+    return not faulty

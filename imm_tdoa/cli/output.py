@@ -42,9 +42,14 @@ def folder(given: Path | None, recording: Path, suffix: str = "") -> Path:
     place = out.resolve()
     if place == recording or recording in place.parents:
         raise ValueError(f"--out: {str(out)!r} lies inside the recording; give a folder elsewhere")
-    if place.exists() and not place.is_dir():
-        raise ValueError(f"--out: expected a folder, {str(out)!r} is a file")
+    refuse_file(out)
     return out
+
+
+def refuse_file(out: Path) -> None:
+    """Raise ValueError where a file has the name of the folder to write to."""
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"--out: expected a folder, {str(out)!r} is a file")
 
 
 def file_name(target: str) -> str:

@@ -11,11 +11,12 @@ import attrs
 import numpy as np
 import typer
 
-from imm_tdoa.cli import output, recordings, verdicts
-from imm_tdoa.cli.recordings import RecordingFolder, Robust, RobustOption, Targets
+from imm_tdoa.cli import options, output, recordings, verdicts
+from imm_tdoa.cli.options import RecordingFolder, RobustOption, Targets
 
 if TYPE_CHECKING:
     from imm_tdoa.bank import Bank
+    from imm_tdoa.cycle import RobustRule
     from imm_tdoa.recording import Recording
     from imm_tdoa.selection import Comparison
 
@@ -32,20 +33,14 @@ class Result:
 
 def select(
     recording: RecordingFolder = None,
-    bank: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME|FILE",
-            help="Whose modes are the candidates: static-cv-ca, pedestrian, vehicle, drone, "
-            "ship, aircraft, rocket, or a TOML file.",
-        ),
-    ] = "static-cv-ca",
+    bank: Annotated[str, options.bank("Whose modes are the candidates")] = "static-cv-ca",
     robust: RobustOption = None,
     window: Annotated[
         int | None,
         typer.Option(
             metavar="N",
-            help="Judge by the last N scans only, for a target that may have changed its motion.",
+            help="Judge by the last N scans only, for a target that may have changed its motion; "
+            "default all.",
             show_default=False,
         ),
     ] = None,
@@ -62,18 +57,11 @@ def select(
         float | None,
         typer.Option(
             metavar="M/S²",
-            help="The same of each acceleration component.",
+            help="The same of each acceleration component; default the bank's.",
             show_default=False,
         ),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Folder to write to; default imm-tdoa-out/NAME OF THE RECORDING-select.",
-            show_default=False,
-        ),
-    ] = None,
+    out: Annotated[Path | None, options.out_named_after("NAME OF THE RECORDING-select")] = None,
     target: Targets = None,
 ) -> None:
     """Say which motion each target of a recording was in: it stood, moved straight on, or …
@@ -104,11 +92,10 @@ def select(
     names = recordings.targets(data, target)
     chosen = _believing(chosen, velocity_std, acceleration_std)
     with output.progress(len(names)) as advance:
-        results, failed = _compare_all(data, chosen, names, robust, window, advance)
+        rule = options.rule_of(robust)
+        results, failed = _compare_all(data, chosen, names, rule, window, advance)
         if not results:
-            name, reason = next(iter(failed.items()))
-            more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
-            raise ValueError(f"no target can be judged: target {name!r}: {reason}{more}")
+            recordings.refuse_without_any(failed, "judged")
         advance("writing and drawing")
         home.mkdir(parents=True, exist_ok=True)
         files = [*_write(home, results), *_draw(home, data, results)]
@@ -117,7 +104,7 @@ def select(
         "recording": place.resolve().name,
         "bank": bank,
         "models": list(chosen.names),
-        "robust": None if robust is None else robust.value,
+        "robust": rule,
         "window": window,
     }
     summary = _summary(facts, results, failed)
@@ -140,7 +127,7 @@ def _compare_all(
     data: Recording,
     bank: Bank,
     names: Sequence[str],
-    robust: Robust | None,
+    robust: RobustRule | None,
     window: int | None,
     advance: Any,
 ) -> tuple[dict[str, Result], dict[str, str]]:
@@ -161,7 +148,7 @@ def _compare_all(
                 scans.values,
                 pairs=scans.pairs,
                 update="iekf",
-                robust=None if robust is None else robust.value,
+                robust=robust,
                 window=window,
             )
         except ValueError as error:

@@ -30,7 +30,12 @@ def simulate(
     ],
     seed: Annotated[
         int | None,
-        typer.Option(help="Seed of the random numbers; default the scenario's.", min=0),
+        typer.Option(
+            min=0,
+            metavar="N",
+            help="Seed of the random numbers; default the scenario's.",
+            show_default=False,
+        ),
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Replace a recording that is there already.")

@@ -20,7 +20,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from imm_tdoa.cli import output
+from imm_tdoa.cli import options, output
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,17 +42,13 @@ def study(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Folder to write to, and to go on from; default imm-tdoa-out/NAME OF THE STUDY.",
-            show_default=False,
-        ),
+        options.out_named_after("NAME OF THE STUDY", use="Folder to write to, and to go on from"),
     ] = None,
     workers: Annotated[
         int | None,
         typer.Option(
             metavar="N",
-            help="Processes on this machine; default one per core. Results do not depend on it.",
+            help="Workers on this machine; default one per core. Results do not depend on it.",
             show_default=False,
         ),
     ] = None,

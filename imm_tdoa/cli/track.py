@@ -12,9 +12,9 @@ import attrs
 import typer
 
 from imm_tdoa import _validate
-from imm_tdoa.cli import output, recordings, track_report
+from imm_tdoa.cli import options, output, recordings, track_report
 from imm_tdoa.cli.emitters import AssociatorName, Wishes, track_unlabelled
-from imm_tdoa.cli.recordings import RecordingFolder, RobustOption, Targets
+from imm_tdoa.cli.options import RecordingFolder, RobustOption, Targets
 
 if TYPE_CHECKING:
     from imm_tdoa.bank import Bank
@@ -45,27 +45,19 @@ class Result:
 
 def track(
     recording: RecordingFolder = None,
-    bank: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME|FILE",
-            help="Bank of motion models: static-cv-ca, pedestrian, vehicle, drone, ship, "
-            "aircraft, rocket, or a TOML file.",
-        ),
-    ] = "static-cv-ca",
+    bank: Annotated[str, options.bank("Bank of motion models")] = "static-cv-ca",
     robust: RobustOption = None,
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Let every estimate know of later scans as well.")
     ] = False,
-    engine: Annotated[Engine, typer.Option(help="What computes.")] = Engine.AUTO,
-    out: Annotated[
-        Path | None,
+    engine: Annotated[
+        Engine,
         typer.Option(
-            metavar="DIR",
-            help="Folder to write to; default imm-tdoa-out/NAME OF THE RECORDING.",
-            show_default=False,
+            help="What computes, to the same numbers. auto: compiled code where it is worth the "
+            "wait for the compiler."
         ),
-    ] = None,
+    ] = Engine.AUTO,
+    out: Annotated[Path | None, options.out_named_after("NAME OF THE RECORDING")] = None,
     target: Targets = None,
     associator: Annotated[
         AssociatorName | None,
@@ -140,7 +132,7 @@ def track(
         "smoothed": smooth,
     }
     wishes = Wishes(
-        robust=recordings.rule_of(robust),
+        robust=options.rule_of(robust),
         smooth=smooth,
         associator=None if associator is None else associator.value,
         detection_probability=detection_probability,
@@ -156,12 +148,10 @@ def track(
     names = recordings.targets(data, target)
     with output.progress(len(names)) as advance:
         results, failed = _track_all(
-            data, chosen, names, recordings.rule_of(robust), smooth, engine, advance
+            data, chosen, names, options.rule_of(robust), smooth, engine, advance
         )
         if not results:
-            name, reason = next(iter(failed.items()))
-            more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
-            raise ValueError(f"no target can be tracked: target {name!r}: {reason}{more}")
+            recordings.refuse_without_any(failed, "tracked")
         advance("writing")
         home.mkdir(parents=True, exist_ok=True)
         files = _write(home, data, results)

@@ -51,7 +51,15 @@ class SumTrack:
 
     @classmethod
     def from_states(cls, states: Sequence[SumState], times: Array) -> SumTrack:
-        """Stack the states of successive scans at `times` (T,) or (..., T)."""
+        """Stack the states of successive scans.
+
+        Parameters
+        ----------
+        states : sequence of SumState
+            T of them, in order.
+        times : (T,) or (..., T)
+            Their times, s.
+        """
         batch = states[-1].log_likelihood.shape
 
         def stacked(arrays: Sequence[Any], trailing: int) -> Any:

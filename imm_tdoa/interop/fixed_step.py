@@ -75,7 +75,13 @@ class FixedStep(LinearMotion):
         return dimensions(self.names)
 
     def components(self, dims: int) -> tuple[str, ...]:
-        """Return the names given; only for the number of dimensions they have."""
+        """Return the names given; only for the number of dimensions they have.
+
+        Raises
+        ------
+        ValueError
+            Another number of dimensions.
+        """
         if _validate.dimensions(dims) != self.dims:
             raise ValueError(f"dims: this model has {self.dims} space dimensions, got {dims}")
         names: tuple[str, ...] = self.names

@@ -11,7 +11,7 @@ from imm_tdoa.locate.fix import Fix
 
 @attrs.frozen(eq=False, kw_only=True)
 class JointFix(Fix):
-    """A fix with the receivers as the measurements see them.
+    """A `Fix` with the receivers as the measurements see them.
 
     Attributes
     ----------

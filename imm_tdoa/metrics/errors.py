@@ -63,16 +63,36 @@ def nees(error: Any, covariance: Any) -> Array:
 
 
 def nis(innovation: Any, covariance: Any) -> Array:
-    """Normalised innovation squared nu' S^-1 nu (...); the same form as `nees`."""
+    """Normalised innovation squared nu' S^-1 nu (...); the same form as `nees`.
+
+    Parameters
+    ----------
+    innovation : (..., m)
+        nu, measurement minus prediction.
+    covariance : (..., m, m)
+        S, what the filter says of it.
+    """
     return nees(innovation, covariance)
 
 
 def error_radius(covariance: Any, probability: float = 0.95) -> Array:
-    """Radius (...) that the position error stays under with `probability`, by the covariance.
+    """Radius (...) that the position error stays under with a given probability.
 
     The error's squared length is a sum of independent chi-square terms weighted by the
-    eigenvalues of the covariance (..., d, d); its distribution is matched by a scaled chi-square
-    with the same mean and variance (Satterthwaite), exact for a circle and for a needle.
+    eigenvalues of the covariance; its distribution is matched by a scaled chi-square with the
+    same mean and variance (Satterthwaite), exact for a circle and for a needle.
+
+    Parameters
+    ----------
+    covariance : (..., d, d)
+        Covariance of the position error.
+    probability : float
+        Between 0 and 1.
+
+    Raises
+    ------
+    ValueError
+        No square matrices, or no probability.
     """
     P = array("covariance", covariance, (None, "d", "d"), finite=False)
     P = array("covariance", P, (None, P.shape[-1], P.shape[-1]), finite=False)

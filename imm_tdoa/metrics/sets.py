@@ -134,14 +134,28 @@ def ospa_curve(truth: Any, tracks: Any, cutoff: float, order: float = 2.0) -> Ar
 def gospa_curve(
     truth: Any, tracks: Any, cutoff: float, order: float = 2.0, alpha: float = 2.0
 ) -> Gospa:
-    """GOSPA and its parts (T,) of each scan; arguments as for `ospa_curve` and `gospa`."""
+    """GOSPA and its parts (T,) of each scan.
+
+    Parameters
+    ----------
+    truth, tracks
+        As for `ospa_curve`.
+    cutoff, order, alpha
+        As for `gospa`.
+    """
     x, y = aligned(truth, tracks)
     each = [gospa(x[:, k], y[:, k], cutoff, order, alpha) for k in range(x.shape[1])]
     return Gospa(*np.array(each).reshape(-1, 4).T)
 
 
 def aligned(truth: Any, tracks: Any) -> tuple[Array, Array]:
-    """Return truth (M, T, d) and tracks (N, T, d) checked, or raise."""
+    """Return truth (M, T, d) and tracks (N, T, d) checked.
+
+    Raises
+    ------
+    ValueError
+        No such arrays, or of different scans or axes.
+    """
     x = _validate.array("truth", truth, ("M", "T", "d"), finite=False)
     y = _validate.array("tracks", tracks, ("N", "T", "d"), finite=False)
     if x.shape[1:] != y.shape[1:]:

@@ -103,6 +103,11 @@ def latency(present: Any, track: Any, times: Any = None) -> Array:
         Confirmed track that follows it (`follow`); negative: none.
     times : (T,), optional
         Times of the scans, s. Default: the latency is in scans, 0 if it was followed at once.
+
+    Raises
+    ------
+    ValueError
+        Shapes or types that do not fit.
     """
     tracks = _labels("track", track)
     there: Mask = np.asarray(present)
@@ -130,6 +135,11 @@ def false_tracks(track: Any, count: int) -> Mask:
         Track that follows each target at each scan (`follow`).
     count : int
         Number of tracks.
+
+    Raises
+    ------
+    ValueError
+        More tracks in `track` than `count`.
     """
     tracks = _labels("track", track)
     if tracks.size and tracks.max() >= count:

@@ -34,7 +34,13 @@ class _Seen(NamedTuple):
 
 
 def has_differences(recording: Recording) -> bool:
-    """Whether `differences` has anything to draw."""
+    """Whether `differences` has anything to draw.
+
+    Parameters
+    ----------
+    recording : Recording
+        What it would draw.
+    """
     return len(_seen(recording).times) > 0
 
 

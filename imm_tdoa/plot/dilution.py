@@ -62,6 +62,11 @@ def gdop(
     -------
     Figure
         Not tied to pyplot.
+
+    Raises
+    ------
+    ValueError
+        Stations on a line, or an extent without area.
     """
     d = stations.dims
     if d == 1:

@@ -47,6 +47,11 @@ def evidence(
     -------
     Figure
         Not tied to pyplot.
+
+    Raises
+    ------
+    ValueError
+        No comparison, or a batch within a mapping.
     """
     if isinstance(comparison, Mapping):
         if not comparison:

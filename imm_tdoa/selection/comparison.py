@@ -130,8 +130,17 @@ class Comparison:
     def choice_by(self, criterion: Criterion = "probability") -> str | Text:
         """Return the name (...) that one criterion alone would choose.
 
-        ``"probability"``, ``"evidence"`` (the same with equal priors), ``"aic"`` or ``"bic"``;
-        empty where the criterion is known for no model.
+        Empty where the criterion is known for no model.
+
+        Parameters
+        ----------
+        criterion : "probability", "evidence", "aic" or "bic"
+            ``"evidence"`` is ``"probability"`` with equal priors.
+
+        Raises
+        ------
+        ValueError
+            Another criterion.
         """
         score = {
             "probability": self.log_probability,
@@ -149,7 +158,18 @@ class Comparison:
         return str(chosen) if chosen.ndim == 0 else chosen
 
     def of(self, *index: int) -> Comparison:
-        """Return the comparison of one target of the batch."""
+        """Return the comparison of one target of the batch.
+
+        Parameters
+        ----------
+        *index : int
+            Which one, a number for each batch axis.
+
+        Raises
+        ------
+        ValueError
+            Not one number for each batch axis.
+        """
         if len(index) != self.margin.ndim:
             raise ValueError(
                 f"index: expected one number for each of the batch axes {self.margin.shape}, "
@@ -175,7 +195,13 @@ class Comparison:
         )
 
     def table(self, *index: int) -> list[dict[str, Any]]:
-        """Return one row per model of one target: every figure by name, and the verdict."""
+        """Return one row per model of one target: every figure by name, and the verdict.
+
+        Parameters
+        ----------
+        *index : int
+            Which target of a batch (`of`).
+        """
         one = self.of(*index)
         return [
             {
@@ -215,7 +241,13 @@ class Comparison:
 
     @staticmethod
     def cells(row: Mapping[str, Any]) -> tuple[str, ...]:
-        """Return a row of `table` as text, under the headings `HEADS`."""
+        """Return a row of `table` as text, under the headings `HEADS`.
+
+        Parameters
+        ----------
+        row : mapping
+            The row.
+        """
 
         def number(key: str, form: str) -> str:
             value = row[key]

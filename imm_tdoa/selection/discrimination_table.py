@@ -103,6 +103,11 @@ def discrimination(
         Where every target starts, m, and how fast, m/s.
     seed : int or numpy.random.Generator
         Of the noise.
+
+    Raises
+    ------
+    ValueError
+        No runs or scans, or arrays that do not fit the measurement.
     """
     a = _validate.array("accelerations", accelerations, ("A",))
     if runs < 1 or steps < 1:

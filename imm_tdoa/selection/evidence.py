@@ -37,8 +37,11 @@ def posterior(log_evidence: Array, prior: Array) -> Array:
 
 
 def strength(margin: Any) -> np.ndarray[Any, np.dtype[np.str_]]:
-    """Return how strong a log-odds of `margin` nats (...) is, in the words of §11.
+    """Return how strong evidence is, in the words of §11.
 
-    Twice the margin above 2 is positive, above 6 strong, above 10 very strong.
+    Parameters
+    ----------
+    margin : (...)
+        Log-odds, nats. Twice the margin above 2 is positive, above 6 strong, above 10 very strong.
     """
     return np.array(WORDS)[np.searchsorted(STEPS, 2.0 * np.asarray(margin, dtype=float))]

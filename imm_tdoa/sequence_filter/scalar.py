@@ -42,9 +42,14 @@ def update(x: Array, P: Array, z: Array, R: Array) -> Update:
 
 
 def steady_gain(q: float | Array) -> Array:
-    """Return the gain that the filter settles at where Q/R is `q` > 0 (§6.3).
+    """Return the gain that the filter settles at (§6.3).
 
     K = (sqrt(q² + 4q) - q) / 2, from P = P - K P + Q.
+
+    Parameters
+    ----------
+    q : float or (...)
+        Ratio Q/R of process noise to measurement noise, above 0.
     """
     q = np.asarray(q, dtype=float)
     result: Array = 0.5 * (np.sqrt(q * q + 4.0 * q) - q)
@@ -52,7 +57,15 @@ def steady_gain(q: float | Array) -> Array:
 
 
 def steady_lag(rate: float | Array, gain: float | Array) -> Array:
-    """Return how far the state trails a ramp of `rate` per epoch: rate (1 - K) / K (§6.3)."""
+    """Return how far the state trails a ramp: rate (1 - K) / K (§6.3).
+
+    Parameters
+    ----------
+    rate : float or (...)
+        Slope of the ramp per epoch, in the unit of the state.
+    gain : float or (...)
+        Steady gain K.
+    """
     K = np.asarray(gain, dtype=float)
     result: Array = np.asarray(rate, dtype=float) * (1.0 - K) / K
     return result

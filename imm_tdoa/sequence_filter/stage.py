@@ -163,10 +163,17 @@ class SequenceFilter:
         return recursion.filtered(self, scans)
 
     def kappa(self, position: Any, time: float | Array = 0.0) -> Array:
-        """Return the loop gain (...) of this filter for a target that stands at (..., d) m.
+        """Return the loop gain (...) of this filter for a target that stands.
 
         As the function `kappa`, for the noise, weights and multiplier of this filter; 0.5 where
         the multiplier is ``"auto"``.
+
+        Parameters
+        ----------
+        position : (..., d)
+            Where it stands, m.
+        time : float or (...)
+            When, s, for stations that move.
         """
         p = _validate.array("position", position, (None, self.stations.dims))
         present = np.ones(self.measurement.size, dtype=bool)

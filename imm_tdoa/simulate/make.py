@@ -94,7 +94,15 @@ def simulate(scenario: Scenario, seed: Seed | None = None) -> Recording:
 def simulate_labelled(scenario: Scenario, seed: Seed | None = None) -> Simulated:
     """Return the recording that `simulate` makes, and for each of its rows whose it is.
 
-    Parameters and errors are those of `simulate`.
+    Parameters
+    ----------
+    scenario, seed
+        As for `simulate`.
+
+    Raises
+    ------
+    ValueError
+        As `simulate`.
 
     >>> from imm_tdoa.simulate import load
     >>> made = simulate_labelled(load("three-emitters"), seed=1)

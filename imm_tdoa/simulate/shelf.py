@@ -49,5 +49,18 @@ def load(name_or_path: str | Path) -> Scenario:
 
 
 def read(text: str, file: str = "scenario") -> Scenario:
-    """Return the scenario written in `text` (TOML); `file` is what messages call it."""
+    """Return the scenario that a text describes.
+
+    Parameters
+    ----------
+    text : str
+        TOML, as in a scenario file.
+    file : str
+        What messages call it.
+
+    Raises
+    ------
+    ValueError
+        What is wrong with it, and where.
+    """
     return _structure.structure(_structure.parse(text, file), Scenario, file)

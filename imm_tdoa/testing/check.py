@@ -151,12 +151,31 @@ def check_measurement_model(
 
 
 def broken_laws(model: Any, *, examples: int = 50) -> list[BrokenLaw]:
-    """Return the laws that a motion or measurement model breaks, none if it is sound."""
+    """Return the laws that a motion or measurement model breaks, none if it is sound.
+
+    Parameters
+    ----------
+    model, examples
+        As for `verdicts`.
+    """
     return broken(verdicts(model, examples=examples))
 
 
 def verdicts(model: Any, *, examples: int = 50) -> list[Verdict]:
-    """Return what became of each law for a motion or measurement model, exemptions included."""
+    """Return what became of each law for a motion or measurement model, exemptions included.
+
+    Parameters
+    ----------
+    model : MotionModel or MeasurementModel
+        An instance.
+    examples : int
+        How many examples each law is tried on.
+
+    Raises
+    ------
+    ValueError
+        `model` is a class or function, or neither kind of model.
+    """
     _instance(model)
     if registry.kind_of(model) == "motion":
         return motion_verdicts(model, examples=examples)

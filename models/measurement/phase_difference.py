@@ -141,9 +141,12 @@ class PhaseDifference(ReceiverMeasurement):
         return float(2.0 * np.pi * self.frequency * self.baseline / self.propagation_speed)
 
     def azimuth_at(self, time: float | Array) -> tuple[Array, Array]:
-        """Return the baseline's azimuth (...), rad, and its rate (...), rad/s, at `time` (...) s.
+        """Return the baseline's azimuth (...), rad, and its rate (...), rad/s.
 
-        NaN outside the times for which the azimuth was sampled.
+        Parameters
+        ----------
+        time : float or (...)
+            When, s; NaN comes back outside the times for which the azimuth was sampled.
         """
         time = np.asarray(time, dtype=float)
         stamps, azimuth = self.azimuth_times, self.baseline_azimuth

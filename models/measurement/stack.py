@@ -142,7 +142,13 @@ class Stack:
         return np.concatenate(_same_batch(where, 2), axis=-2)
 
     def with_pairs(self, pairs: Any) -> Stack:
-        """Return the stack for other pairs (..., m, 2), those of its pair models in order."""
+        """Return the stack for other pairs (..., m, 2), those of its pair models in order.
+
+        Raises
+        ------
+        ValueError
+            Not as many pairs as its pair models have.
+        """
         pairs = np.asarray(pairs)
         models, start = [], 0
         for model in self.models:

@@ -49,7 +49,13 @@ class CoordinatedTurn:
         return self.std is None
 
     def components(self, dims: int) -> tuple[str, ...]:
-        """Return the components of position, velocity and turn rate."""
+        """Return the components of position, velocity and turn rate.
+
+        Raises
+        ------
+        ValueError
+            One dimension: nothing turns on a line.
+        """
         if _validate.dimensions(dims) == 1:
             raise ValueError("dims: CoordinatedTurn needs 2 or 3 dimensions, got 1")
         return (*component_names(dims, order=1), "omega")

@@ -17,6 +17,8 @@ def reproduce(context: typer.Context) -> None:
     Example, TDOA location by the form of the target's motion:
 
         imm-tdoa reproduce motion-form
+
+    `imm-tdoa reproduce NAME --help` says what each computes and writes.
     """
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())

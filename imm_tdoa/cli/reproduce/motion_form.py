@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from imm_tdoa.cli import output
+from imm_tdoa.cli import options, output
+from imm_tdoa.cli.options import OutFolder
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -63,9 +64,9 @@ class Mixing(StrEnum):
 
 
 def motion_form(
-    runs: Annotated[int, typer.Option(min=2, help="Monte-Carlo runs of the three targets.")] = 100,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 1,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write to.")] = DEFAULT,
+    runs: Annotated[int, options.runs(" of the three targets")] = 100,
+    seed: Annotated[int, options.seed("the noise")] = 1,
+    out: OutFolder = DEFAULT,
     tdoa_sign: Annotated[
         Sign,
         typer.Option(
@@ -124,8 +125,7 @@ def motion_form(
     """
     from imm_tdoa.reproduce import motion_form as source_a
 
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"--out: expected a folder, {str(out)!r} is a file")
+    output.refuse_file(out)
     switches = source_a.Switches(
         tdoa_sign=tdoa_sign.value,
         jacobian=jacobian.value,

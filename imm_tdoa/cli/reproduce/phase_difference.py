@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imm_tdoa.cli import output
+from imm_tdoa.cli import options, output
+from imm_tdoa.cli.options import OutFolder
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -35,9 +36,9 @@ class Merging(StrEnum):
 
 
 def phase_difference(
-    runs: Annotated[int, typer.Option(min=2, help="Monte-Carlo runs of each case.")] = 200,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the errors.")] = 1,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write to.")] = DEFAULT,
+    runs: Annotated[int, options.runs(" of each case")] = 200,
+    seed: Annotated[int, options.seed("the errors")] = 1,
+    out: OutFolder = DEFAULT,
     covariance: Annotated[
         Shape,
         typer.Option(
@@ -63,6 +64,8 @@ def phase_difference(
     paper's figures; weights and error of one run; the number of hypotheses; clouds of fixes by
     observation time and speed; a sector of 40°; and says what does not come out as published.
 
+    Example, five times the runs, starting components as printed:
+
         imm-tdoa reproduce phase-difference --runs 1000 --covariance diagonal
 
     Writes tables.csv, over_time.csv, hypotheses.csv, fixes.csv, sector.csv, summary.json, and
@@ -70,8 +73,7 @@ def phase_difference(
     """
     from imm_tdoa.reproduce import phase_difference as source_c
 
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"--out: expected a folder, {str(out)!r} is a file")
+    output.refuse_file(out)
     switches = source_c.Switches(
         covariance=covariance.value, merging=merging.value, platform_noise=platform_noise
     )

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imm_tdoa.cli import output
+from imm_tdoa.cli import options, output
+from imm_tdoa.cli.options import OutFolder
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -29,8 +30,8 @@ class Weights(StrEnum):
 
 
 def receiver_errors(
-    runs: Annotated[int, typer.Option(min=2, help="Monte-Carlo runs of each point.")] = 2000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 1,
+    runs: Annotated[int, options.runs(" of each point")] = 2000,
+    seed: Annotated[int, options.seed("the noise")] = 1,
     receiver_weights: Annotated[
         Weights,
         typer.Option(
@@ -38,7 +39,7 @@ def receiver_errors(
             "and D2), the first (D1), none."
         ),
     ] = Weights.BOTH,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write to.")] = DEFAULT,
+    out: OutFolder = DEFAULT,
 ) -> None:
     """Source D: TDOA and FDOA with uncertain receivers (CN112444776A).
 
@@ -55,8 +56,7 @@ def receiver_errors(
     """
     from imm_tdoa.reproduce import receiver_errors as source_d
 
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"--out: expected a folder, {str(out)!r} is a file")
+    output.refuse_file(out)
     with output.progress(source_d.steps() + 1) as advance:
         result = source_d.compute(runs, seed, receiver_weights.value, advance)
         advance("drawing")

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imm_tdoa.cli import output
+from imm_tdoa.cli import options, output
+from imm_tdoa.cli.options import OutFolder
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -34,9 +35,9 @@ class Test(StrEnum):
 
 
 def sequence_filter(
-    runs: Annotated[int, typer.Option(min=2, help="Monte-Carlo runs.")] = 50,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of noise and geometries.")] = 1,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write to.")] = DEFAULT,
+    runs: Annotated[int, options.runs()] = 50,
+    seed: Annotated[int, options.seed("noise and geometries")] = 1,
+    out: OutFolder = DEFAULT,
     rule: Annotated[
         Rule,
         typer.Option(
@@ -75,8 +76,7 @@ def sequence_filter(
     """
     from imm_tdoa.reproduce import sequence_filter as source_b
 
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"--out: expected a folder, {str(out)!r} is a file")
+    output.refuse_file(out)
     switches = source_b.Switches(rule=rule.value, test=test.value, reset_on_gate=reset_on_gate)
     with output.progress(source_b.steps() + 1) as advance:
         result = source_b.compute(runs, seed, switches, advance)

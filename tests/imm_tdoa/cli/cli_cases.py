@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -50,6 +51,19 @@ def words(text: str) -> str:
     """Return printed text with white space as single blanks, frames and colours left out."""
     text = re.sub(r"\x1b\[[0-9;]*m", "", text)
     return " ".join(re.sub(r"[│╭╮╰╯─]", " ", text).split())
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a CSV file."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def assert_drawn(path: Path) -> None:
+    """A picture in PNG with something on it."""
+    content = path.read_bytes()
+    assert content.startswith(b"\x89PNG\r\n\x1a\n")
+    assert len(content) > 20_000, f"{path.name}: {len(content)} bytes"
 
 
 def path_at(t: Array) -> Array:

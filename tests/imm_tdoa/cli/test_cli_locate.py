@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import json
+from contextlib import chdir
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_cases import HEAD, SPEED, STATIONS, path_at, run, words, write_recording
+from cli_cases import HEAD, SPEED, STATIONS, path_at, run, table, words, write_recording
 
 from imm_tdoa.contract import Array
-
-
-def fixes(out: Path) -> list[dict[str, str]]:
-    with (out / "fixes.csv").open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def positions(rows: list[dict[str, str]]) -> Array:
@@ -48,7 +43,7 @@ def test_noise_free_fixes_are_the_truth(method: str, tmp_path: Path) -> None:
         "gdop.png",
         "error.png",
     }
-    rows = fixes(out)
+    rows = table(out / "fixes.csv")
     assert list(rows[0]) == [
         "time_s",
         "target",
@@ -94,7 +89,7 @@ def test_quartiles_are_those_of_the_table(tmp_path: Path) -> None:
     (folder / "toa.csv").write_text("\n".join(noisy) + "\n", "utf-8")
     out = tmp_path / "out"
     assert run("locate", folder, "--no-robust", "--out", out)[0] == 0
-    rows = fixes(out)
+    rows = table(out / "fixes.csv")
     t = np.array([float(row["time_s"]) for row in rows])
     error = np.linalg.norm(positions(rows) - path_at(t), axis=1)
     summary = json.loads((out / "summary.json").read_text("utf-8"))
@@ -117,7 +112,9 @@ def test_robust_fixes_shrug_off_a_gross_error(tmp_path: Path) -> None:
     for i, switch in enumerate(["--robust", "--no-robust"]):
         out = tmp_path / str(i)
         assert run("locate", folder, switch, "--out", out)[0] == 0
-        errors.append(np.linalg.norm(positions(fixes(out)[:1]) - path_at(np.zeros(1))))
+        errors.append(
+            np.linalg.norm(positions(table(out / "fixes.csv")[:1]) - path_at(np.zeros(1)))
+        )
     assert errors[0] < 1.0 < 20.0 < errors[1]
 
 
@@ -130,7 +127,9 @@ def test_chan_ho_takes_any_common_reference(reference: str, tmp_path: Path) -> N
         files={"toa.csv": "", "tdoa.csv": tdoa_table(reference, t)},
     )
     assert run("locate", folder, "--method", "chan-ho", "--out", tmp_path / "out")[0] == 0
-    np.testing.assert_allclose(positions(fixes(tmp_path / "out")), path_at(t), atol=1e-3)
+    np.testing.assert_allclose(
+        positions(table(tmp_path / "out" / "fixes.csv")), path_at(t), atol=1e-3
+    )
 
 
 def test_chan_ho_with_sigmas_per_row(tmp_path: Path) -> None:
@@ -142,7 +141,7 @@ def test_chan_ho_with_sigmas_per_row(tmp_path: Path) -> None:
     ]
     (folder / "toa.csv").write_text("\n".join(lines) + "\n", "utf-8")
     assert run("locate", folder, "--method", "chan-ho", "--out", tmp_path / "out")[0] == 0
-    rows = fixes(tmp_path / "out")
+    rows = table(tmp_path / "out" / "fixes.csv")
     t = np.array([float(row["time_s"]) for row in rows])
     np.testing.assert_allclose(positions(rows), path_at(t), atol=1e-3)
 
@@ -157,8 +156,8 @@ def test_incomplete_scans_fail_by_chan_ho_only(tmp_path: Path) -> None:
         assert run("locate", folder, "--method", method, "--out", out)[0] == 0
         summary = json.loads((out / "summary.json").read_text("utf-8"))
         assert summary["overall"]["failed"] == failed
-        assert fixes(out)[0]["converged"] == ("false" if failed else "true")
-        assert (fixes(out)[0]["x_m"] == "") == bool(failed)
+        assert table(out / "fixes.csv")[0]["converged"] == ("false" if failed else "true")
+        assert (table(out / "fixes.csv")[0]["x_m"] == "") == bool(failed)
 
 
 def test_one_pair_at_a_time_gives_no_fix(tmp_path: Path) -> None:
@@ -203,3 +202,14 @@ def test_chan_ho_refuses_moving_stations(tmp_path: Path) -> None:
         "imm-tdoa: error: --method chan-ho: expected stations that stand still, these move; "
         "use gauss-newton\n"
     )
+
+
+def test_without_a_recording_the_shipped_one(tmp_path: Path) -> None:
+    """Twenty metres of noise per arrival, five stations: a fix is about as good as the noise."""
+    with chdir(tmp_path):
+        code, text = run("locate")
+    assert code == 0
+    summary = json.loads((tmp_path / "imm-tdoa-out/sample-fixes/summary.json").read_text("utf-8"))
+    assert summary["recording"] == "sample"
+    assert 10.0 < summary["overall"]["position_error_quartiles_m"][1] < 25.0
+    assert "written to imm-tdoa-out/sample-fixes" in words(text)

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_cases import HEAD, STATIONS, path_at, run, write_recording
-
-
-def fixes(out: Path) -> list[dict[str, str]]:
-    with (out / "fixes.csv").open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
+from cli_cases import HEAD, STATIONS, path_at, run, table, write_recording
 
 
 @pytest.mark.parametrize("method", ["two-step", "joint"])
@@ -24,7 +18,7 @@ def test_noise_free_fixes_are_the_truth(method: str, sigma: str | None, tmp_path
     more = [] if sigma is None else ["--station-sigma", sigma]
     code, _ = run("locate", folder, "--method", method, *more, "--out", out)
     assert code == 0
-    rows = fixes(out)
+    rows = table(out / "fixes.csv")
     t = np.array([float(row["time_s"]) for row in rows])
     found = np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows])
     np.testing.assert_allclose(found, path_at(t), atol=1e-3)
@@ -43,7 +37,7 @@ def test_least_squares_takes_station_errors_too(tmp_path: Path) -> None:
     for i, more in enumerate(([], ["--station-sigma", "2.5"])):
         out = tmp_path / str(i)
         assert run("locate", folder, "--no-robust", *more, "--out", out)[0] == 0
-        spreads.append(float(fixes(out)[0]["sx_m"]))
+        spreads.append(float(table(out / "fixes.csv")[0]["sx_m"]))
     assert spreads[1] > 3.0 * spreads[0]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 import pytest
-from cli_cases import HEAD, SPEED, STATIONS, run, words, write_recording
+from cli_cases import HEAD, SPEED, STATIONS, run, table, words, write_recording
 from numpy.testing import assert_allclose
 
 from imm_tdoa import SequenceFilter, Stations, recording
@@ -67,8 +66,7 @@ def buoy(folder: Path, **files: str) -> Path:
 
 
 def positions(out: Path) -> Array:
-    with (out / "fixes.csv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = table(out / "fixes.csv")
     return np.array([[float(r["x_m"] or "nan"), float(r["y_m"] or "nan")] for r in rows])
 
 

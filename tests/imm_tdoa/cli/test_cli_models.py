@@ -48,6 +48,7 @@ def test_every_model_is_listed() -> None:
         assert name in text
     assert "turn_rate_psd" in text
     assert "imm-tdoa" in text
+    assert "§" not in text
 
 
 def test_check_tells_law_by_law(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,6 +57,7 @@ def test_check_tells_law_by_law(monkeypatch: pytest.MonkeyPatch) -> None:
     code, text = run("models", "--check")
     assert code == 0
     assert "static: all 19 laws hold" in words(text)
+    assert "1 of 1 models keep every law" in words(text)
     assert "semigroup holds propagate(propagate(x, a), b) = propagate(x, a + b)" in words(text)
 
 
@@ -70,6 +72,7 @@ def test_check_returns_1_for_a_broken_law(monkeypatch: pytest.MonkeyPatch) -> No
     assert "BROKEN" in text
     assert "kinematics BROKEN d position / dt = velocity" in words(text)
     assert "gone: cannot be loaded: ImportError: no such thing" in words(text)
+    assert words(text).endswith("0 of 2 models keep every law; not leaky, gone")
     assert run("models")[0] == 0
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_cases import run, words
+from cli_cases import assert_drawn, run, table, words
 
 from imm_tdoa.reproduce.receiver_errors import levels
 
@@ -32,9 +31,7 @@ def test_receiver_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert {f.name for f in out.iterdir()} == FILES
     for name in FILES:
         if name.endswith(".png"):
-            content = (out / name).read_bytes()
-            assert content.startswith(b"\x89PNG\r\n\x1a\n")
-            assert len(content) > 20_000
+            assert_drawn(out / name)
     said = words(text)
     assert "Source D prints no simulation" in said
     assert "20 runs" in said
@@ -43,8 +40,7 @@ def test_receiver_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     summary = json.loads((out / "summary.json").read_text("utf-8"))
     assert (summary["runs"], summary["seed"], summary["receiver_weights"]) == (20, 2, "both")
     assert set(summary["files"]) == FILES
-    with (out / "table.csv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = table(out / "table.csv")
     assert len(rows) == 30
     first = summary["points"][0]["estimators"]["first-step"]
     assert float(rows[0]["rmse_m"]) == first["rmse_m"]
@@ -52,37 +48,3 @@ def test_receiver_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert float(rows[4]["theory_m"]) == summary["points"][0]["trusting_theory_m"]
     shared = summary["shared_coordinate"]
     assert shared["squared_mps"] > 30.0 * shared["error_correction_mps"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "part"),
-    [
-        (["--runs", "1"], "Invalid value for '--runs'"),
-        (["--runs", "many"], "Invalid value for '--runs'"),
-        (["--seed", "-1"], "Invalid value for '--seed'"),
-        (["--receiver-weights", "all"], "Invalid value for '--receiver-weights'"),
-        (["--second-step"], "No such option: --second-step"),
-    ],
-)
-def test_bad_options_are_one_line(arguments: list[str], part: str) -> None:
-    code, text = run("reproduce", "receiver-errors", *arguments)
-    assert code == 2
-    assert text.startswith("imm-tdoa: error: ")
-    assert part in text
-    assert text.count("\n") == 1
-
-
-def test_a_file_in_the_way(tmp_path: Path) -> None:
-    place = tmp_path / "out"
-    place.write_text("mine", "utf-8")
-    code, text = run("reproduce", "receiver-errors", "--out", place)
-    assert (code, text) == (
-        2,
-        f"imm-tdoa: error: --out: expected a folder, {str(place)!r} is a file\n",
-    )
-
-
-def test_help_teaches() -> None:
-    code, text = run("reproduce", "receiver-errors", "--help")
-    assert code == 0
-    assert "imm-tdoa reproduce receiver-errors --receiver-weights none" in words(text)

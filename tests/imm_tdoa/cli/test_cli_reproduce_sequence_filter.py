@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 
 import pytest
-from cli_cases import run, words
+from cli_cases import assert_drawn, run, table, words
 
 from imm_tdoa.reproduce.sequence_filter import CASES, geometries, moving, scenario
 
-PNG = b"\x89PNG\r\n\x1a\n"
 FILES = {
     "band.png",
     "cases.csv",
@@ -35,11 +33,6 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(geometries, "COUNT", 2)
 
 
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 @pytest.mark.usefixtures("short")
 def test_sequence_filter(tmp_path: Path) -> None:
     out = tmp_path / "out"
@@ -50,9 +43,7 @@ def test_sequence_filter(tmp_path: Path) -> None:
     assert {f.name for f in out.iterdir()} == FILES
     for name in FILES:
         if name.endswith(".png"):
-            content = (out / name).read_bytes()
-            assert content.startswith(PNG)
-            assert len(content) > 20_000
+            assert_drawn(out / name)
     said = words(text)
     assert "The source gives no figures, only the claims" in said
     assert "the spot of a target that stands shrinks to a point" in said
@@ -74,41 +65,3 @@ def test_sequence_filter(tmp_path: Path) -> None:
     assert len(table(out / "jump.csv")) == len(moving.JUMPS)
     assert len(table(out / "geometries.csv")) == summary["kappa"]["geometries"] == 2
     assert f"{summary['kappa']['predicted_right']} of 2" in said
-
-
-@pytest.mark.parametrize(
-    ("arguments", "part"),
-    [
-        (["--runs", "1"], "Invalid value for '--runs'"),
-        (["--runs", "many"], "Invalid value for '--runs'"),
-        (["--seed", "-1"], "Invalid value for '--seed'"),
-        (["--rule", "worst"], "Invalid value for '--rule'"),
-        (["--test", "prior"], "Invalid value for '--test'"),
-        (["--gate", "3"], "No such option: --gate"),
-        (["else"], "unexpected extra argument"),
-    ],
-)
-def test_bad_options_are_one_line(arguments: list[str], part: str) -> None:
-    code, text = run("reproduce", "sequence-filter", *arguments)
-    assert code == 2
-    assert text.startswith("imm-tdoa: error: ")
-    assert part in text
-    assert text.count("\n") == 1
-
-
-def test_a_file_in_the_way(tmp_path: Path) -> None:
-    place = tmp_path / "out"
-    place.write_text("mine", "utf-8")
-    code, text = run("reproduce", "sequence-filter", "--out", place)
-    assert (code, text) == (
-        2,
-        f"imm-tdoa: error: --out: expected a folder, {str(place)!r} is a file\n",
-    )
-    assert place.read_text("utf-8") == "mine"
-
-
-def test_help_teaches() -> None:
-    code, text = run("reproduce", "sequence-filter", "--help")
-    assert code == 0
-    assert "imm-tdoa reproduce sequence-filter --rule bound" in words(text)
-    assert "sequence-filter" in run("reproduce")[1]

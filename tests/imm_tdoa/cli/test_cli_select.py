@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from contextlib import chdir
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_cases import run, words, write_recording
+from cli_cases import assert_drawn, run, table, words, write_recording
 
-PNG = b"\x89PNG\r\n\x1a\n"
 BANK = """mean_sojourn_s = 30
 [birth_std]
 velocity = 20.0
@@ -29,11 +27,6 @@ psd = 0.0
 """
 
 
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 @pytest.fixture
 def bank(tmp_path: Path) -> Path:
     file = tmp_path / "bank.toml"
@@ -48,7 +41,7 @@ def test_sample(tmp_path: Path) -> None:
     assert code == 0
     out = tmp_path / "imm-tdoa-out" / "sample-select"
     assert {f.name for f in out.iterdir()} == {"select.csv", "summary.json", "evidence.png"}
-    assert (out / "evidence.png").read_bytes().startswith(PNG)
+    assert_drawn(out / "evidence.png")
     summary = json.loads((out / "summary.json").read_text("utf-8"))
     (target,) = summary["targets"].values()
     rows = table(out / "select.csv")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from contextlib import chdir
 from importlib import resources
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli_cases import run, words, write_recording
+from cli_cases import assert_drawn, run, table, words, write_recording
 
 RECORDINGS = Path(__file__).parents[4] / "shared" / "data"
 SAMPLE = resources.files("imm_tdoa").joinpath("sample")
@@ -28,12 +27,6 @@ KEYS_2D = {
     "engine",
 }
 KEYS_3D = KEYS_2D | {"horizontal_rmse_m", "horizontal_median_m"}
-PNG = b"\x89PNG\r\n\x1a\n"
-
-
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +48,7 @@ def test_sample_writes_everything(sample: tuple[Path, str]) -> None:
         "error.png",
     }
     for name in ("track.png", "error.png"):
-        content = (out / name).read_bytes()
-        assert content.startswith(PNG)
-        assert len(content) > 20_000
+        assert_drawn(out / name)
     assert "bank static-cv-ca: static, constant-velocity, constant-acceleration" in words(text)
     assert "written to imm-tdoa-out/sample: error.png, summary.json, track.csv" in words(text)
 
@@ -215,7 +206,7 @@ def test_real_recording(tmp_path: Path) -> None:
     assert summary["targets"]
     for figures in [summary["overall"], *summary["targets"].values()]:
         assert set(figures) - {"targets"} == KEYS_3D
-    assert (tmp_path / "track.png").read_bytes().startswith(PNG)
+    assert_drawn(tmp_path / "track.png")
     assert (tmp_path / "track.kml").exists()
 
 

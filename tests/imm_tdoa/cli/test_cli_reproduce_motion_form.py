@@ -1,17 +1,15 @@
-"""``imm-tdoa reproduce``."""
+"""``imm-tdoa reproduce motion-form``."""
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 
 import pytest
-from cli_cases import run, words
+from cli_cases import assert_drawn, run, table, words
 
 from imm_tdoa.reproduce.motion_form import switching_target
 
-PNG = b"\x89PNG\r\n\x1a\n"
 FILES = {
     "imm.csv",
     "scenario-1.png",
@@ -31,11 +29,6 @@ def few(model: str, per_decade: int = 3) -> list[float]:
     return [0.0, 0.01]
 
 
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def test_motion_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(switching_target, "levels", few)
     out = tmp_path / "out"
@@ -44,9 +37,7 @@ def test_motion_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert {f.name for f in out.iterdir()} == FILES
     for name in FILES:
         if name.endswith(".png"):
-            content = (out / name).read_bytes()
-            assert content.startswith(PNG)
-            assert len(content) > 20_000
+            assert_drawn(out / name)
     said = words(text)
     assert "Geometry and noise are our reconstruction; the paper gives neither." in said
     assert "5 runs of three targets" in said
@@ -89,44 +80,3 @@ def test_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     }
     assert summary["table1"]["static-per-epoch"]["mean_km"] is None
     assert summary["table1"]["static-recursive"]["paper_km"] == 0.982
-
-
-@pytest.mark.parametrize(
-    ("arguments", "part"),
-    [
-        (["nothing"], "No such command 'nothing'"),
-        (["motion-form", "--runs", "1"], "Invalid value for '--runs'"),
-        (["motion-form", "--seed", "-1"], "Invalid value for '--seed'"),
-        (["motion-form", "--tdoa-sign", "eq9"], "Invalid value for '--tdoa-sign'"),
-        (["motion-form", "--jacobian", "x"], "Invalid value for '--jacobian'"),
-        (["motion-form", "--process-noise", "-1"], "Invalid value for '--process-noise'"),
-        (["motion-form", "--process-noise", "inf"], "process_noise: expected a finite number"),
-        (["motion-form", "--no-match"], "No such option: --no-match"),
-    ],
-)
-def test_bad_options_are_one_line(arguments: list[str], part: str) -> None:
-    code, text = run("reproduce", *arguments)
-    assert code == 2
-    assert text.startswith("imm-tdoa: error: ")
-    assert part in text
-    assert text.count("\n") == 1
-
-
-def test_a_file_in_the_way(tmp_path: Path) -> None:
-    place = tmp_path / "out"
-    place.write_text("mine", "utf-8")
-    code, text = run("reproduce", "motion-form", "--out", place)
-    assert (code, text) == (
-        2,
-        f"imm-tdoa: error: --out: expected a folder, {str(place)!r} is a file\n",
-    )
-    assert place.read_text("utf-8") == "mine"
-
-
-def test_help_teaches() -> None:
-    code, text = run("reproduce")
-    assert code == 0
-    assert "imm-tdoa reproduce motion-form" in words(text)
-    code, text = run("reproduce", "motion-form", "--help")
-    assert code == 0
-    assert "imm-tdoa reproduce motion-form --jacobian dt-scaled" in words(text)
