@@ -5,11 +5,10 @@ from __future__ import annotations
 import attrs
 import numpy as np
 import pytest
+from bounds_cases import SQUARE, T3, spd
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from scipy.integrate import dblquad
-from scipy.special import ellipe
 
 from imm_tdoa import Bank, Stations, bounds
 from imm_tdoa.contract import Measurement
@@ -27,7 +26,6 @@ from imm_tdoa.models import (
 )
 
 C = 299_792_458.0
-SQUARE = np.array([(0, 0), (9e3, 1e3), (8e3, 9e3), (-1e3, 7e3)], float)
 SOURCE_A = Stations([[0, 0], [100e3, 0], [-50e3, 86602.54037844388], [-50e3, -86602.54037844384]])
 BIRTH = {"velocity": 5e3, "acceleration": 500.0}
 EPOCHS = 2.0 * np.arange(21)
@@ -40,11 +38,6 @@ def source_a(speed: float, acceleration: float) -> np.ndarray:
     a = acceleration * np.array([[-1, 0], [1, 0], [1, 0.0]])
     t = EPOCHS[:, None]
     return p[:, None] + v[:, None] * t + a[:, None] * t**2 / 2
-
-
-def spd(rng, n, scale=1.0):
-    A = rng.normal(size=(n, n))
-    return scale * (A @ A.T / n + 0.1 * np.eye(n))
 
 
 # --- published and closed-form numbers -----------------------------------------------------------
@@ -349,140 +342,6 @@ def test_information_of_offsets_and_redundant_rows_enters_once():
     loop = np.array([[1, 0], [2, 0], [3, 0], [2, 1]])
     differenced = bounds.pcrlb(model, TDOA(stations, toa_sigma=30e-9, pairs=loop), t, x)
     assert_allclose(raw.covariance, differenced.covariance, rtol=1e-6, atol=1e-9)
-
-
-# --- mean errors ---------------------------------------------------------------------------------
-
-
-@settings(deadline=None, max_examples=15)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_mean_error(seed):
-    """§3.6 in the plane; in space the mean over all directions, by quadrature."""
-    rng = np.random.default_rng(seed)
-    C2 = spd(rng, 2, 10.0 ** rng.uniform(-3, 3))
-    s2, s1 = np.linalg.eigvalsh(C2)
-    assert_allclose(
-        bounds.mean_error(C2), np.sqrt(2 / np.pi * s1) * ellipe(1 - s2 / s1), rtol=1e-10
-    )
-    C3 = spd(rng, 3)
-    a, b, c = np.linalg.eigvalsh(C3)
-
-    def length(u, azimuth):
-        return np.sqrt(
-            (1 - u**2) * (a * np.cos(azimuth) ** 2 + b * np.sin(azimuth) ** 2) + c * u**2
-        )
-
-    mean, _ = dblquad(length, 0.0, np.pi / 2, 0.0, 1.0)
-    assert_allclose(bounds.mean_error(C3), np.sqrt(8 / np.pi) * mean / (np.pi / 2), rtol=1e-6)
-
-
-def test_mean_error_of_needles_circles_and_spheres():
-    assert_allclose(bounds.mean_error([[9.0]]), 3.0 * np.sqrt(2 / np.pi))
-    assert_allclose(bounds.mean_error(np.diag([9.0, 0.0])), 3.0 * np.sqrt(2 / np.pi))
-    assert_allclose(bounds.mean_error(9.0 * np.eye(2)), 3.0 * np.sqrt(np.pi / 2))
-    assert_allclose(bounds.mean_error(9.0 * np.eye(3)), 3.0 * np.sqrt(8 / np.pi))
-    assert bounds.mean_error(np.zeros((2, 2))) == 0.0
-    unknown = np.array([np.diag([np.inf, 1.0]), np.full((2, 2), np.nan), np.eye(2)])
-    assert_allclose(bounds.mean_error(unknown), [np.inf, np.nan, np.sqrt(np.pi / 2)])
-    rng = np.random.default_rng(3)
-    C3 = spd(rng, 3)
-    lengths = np.linalg.norm(rng.multivariate_normal(np.zeros(3), C3, 200_000), axis=-1)
-    error = lengths.std() / np.sqrt(len(lengths))
-    assert_allclose(lengths.mean(), bounds.mean_error(C3), atol=4 * error)
-    with pytest.raises(ValueError, match=r"covariance: expected shape \(..., d, d\) with d from 1"):
-        bounds.mean_error(np.eye(4))
-    with pytest.raises(ValueError, match="covariance: expected a positive semi-definite"):
-        bounds.mean_error([[1.0, 2.0], [2.0, 1.0]])
-
-
-# --- refusals ------------------------------------------------------------------------------------
-
-T3 = np.arange(3.0)
-PATH = np.array([[3e3, 4e3], [3.1e3, 4e3], [3.2e3, 4e3]])
-FIX = Position(10.0)
-CV = ConstantVelocity(psd=1.0)
-PAIR = Bank([Static(psd=1.0), CV])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        ((CV, FIX, T3, PATH[:2]), r"trajectory: expected shape \(..., 3, c\)"),
-        ((CV, FIX, T3, PATH[:, :1]), r"trajectory: expected 4 \(x, y, vx, vy\) or 2 \(x, y\) or 6"),
-        ((CV, FIX, T3[::-1], PATH), "times: expected times that do not decrease"),
-        ((CV, FIX, T3, PATH * np.nan), "trajectory: expected finite numbers"),
-        ((CV, ConstantVelocity, T3, PATH), "measurement: no measurement model"),
-        ((Static, FIX, T3, PATH), "models"),
-        ((PAIR, FIX, T3, PATH), "modes: with 2 models, say which is in force"),
-    ],
-)
-def test_refusals(arguments, match):
-    with pytest.raises(ValueError, match=match):
-        bounds.pcrlb(*arguments)
-
-
-@pytest.mark.parametrize(
-    ("options", "match"),
-    [
-        ({"modes": [0, 1]}, "modes: expected one for each of the 3 times, got 2"),
-        ({"modes": "static"}, "modes: expected 3 indices or names, got 'static'"),
-        (
-            {"modes": [0, 1, 2]},
-            r"modes: modes\[2\] is 2, expected an index below 2 or one of static",
-        ),
-        ({"modes": [0, "cv", 1]}, r"modes: modes\[1\] is 'cv'"),
-        ({"modes": [0, True, 1]}, r"modes: modes\[1\] is True"),
-        ({"covariance": np.eye(3)}, "covariance: expected 4 "),
-        ({"covariance": [[1.0, 2.0], [2.0, 1.0]]}, "covariance: expected a positive semi-definite"),
-        ({"covariance": [[np.inf, 2.0], [2.0, 1.0]]}, "covariance: expected zeros beside an inf"),
-        ({"covariance": [1.0, 2.0]}, r"covariance: expected shape \(..., c, c\)"),
-        ({"covariance": "much"}, "covariance: expected numbers, got 'much'"),
-        ({"present": np.ones((3, 2), int)}, "present: expected booleans, or values with NaN"),
-        ({"present": np.ones((3, 3), bool)}, r"present: expected shape \(..., 3, 2\)"),
-        ({"present": np.ones((4, 3, 2), bool), "n": 5}, "trajectory: batch axes"),
-        ({"components": ("x", "x")}, "components: expected different names"),
-        ({"components": ("x", "vx")}, "components: expected the position x, y among them"),
-        ({"axis": 0}, "axis: expected some of the 0 batch axes of the trajectory, got 0"),
-        ({"axis": (), "n": 5}, r"axis: expected some of the 1 batch axes of the trajectory"),
-        ({"axis": 1.0, "n": 5}, r"axis: expected some of the 1 batch axes of the trajectory"),
-        ({"pairs": np.zeros((3, 2, 2), int)}, "pairs: Position does not measure station pairs"),
-    ],
-)
-def test_refused_options(options, match):
-    given = {"modes": [0, 1, 1], **options}
-    path = np.broadcast_to(PATH, (given.pop("n"), 3, 2)) if "n" in given else PATH
-    with pytest.raises(ValueError, match=match):
-        bounds.pcrlb(PAIR, FIX, T3, path, **given)
-
-
-def test_components_that_are_needed():
-    turn = CoordinatedTurn(psd=1.0)
-    with pytest.raises(
-        ValueError, match=r"coordinated-turn is not linear and needs .* lacking: vx"
-    ):
-        bounds.pcrlb(turn, FIX, T3, PATH)
-    states = np.concatenate([PATH, np.tile([100.0, 0.0, 0.1], (3, 1))], axis=-1)
-    assert bounds.pcrlb(turn, FIX, T3, states).components[-1] == "omega"
-    shuffled = bounds.pcrlb(
-        turn, FIX, T3, states[:, ::-1], components=("omega", "vy", "vx", "y", "x")
-    )
-    assert_allclose(shuffled.covariance, bounds.pcrlb(turn, FIX, T3, states).covariance)
-    stations = Stations(SQUARE, velocities=np.zeros_like(SQUARE))
-    fdoa = FDOA(stations, range_rate_sigma=0.1)
-    with pytest.raises(ValueError, match="trajectory: velocities are measured, so vx, vy are need"):
-        bounds.pcrlb(CV, Stack(TDOA(stations, toa_sigma=1e-8), fdoa), T3, PATH)
-
-
-def test_an_average_over_jacobians_needs_process_noise():
-    turn = CoordinatedTurn(psd=0.0)
-    states = np.concatenate([PATH, np.tile([100.0, 0.0, 0.1], (3, 1))], axis=-1)
-    states = np.stack([states, states + np.array([0, 0, 5.0, 0, 0.1])])
-    with pytest.raises(ValueError, match="axis: the Jacobians of coordinated-turn vary"):
-        bounds.pcrlb(turn, FIX, T3, states, axis=0)
-    assert np.isfinite(bounds.pcrlb(turn, FIX, T3, states).covariance).all()
-    times = np.stack([T3, 2 * T3])
-    with pytest.raises(ValueError, match="times: expected the same along the axes"):
-        bounds.pcrlb(CV, FIX, times, states[..., :4], axis=0)
 
 
 def test_velocities_alone_can_be_measured():

@@ -6,47 +6,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from imm_cases import CORNERS, SIGMA, arrivals, bank_of, differences, irregular, seeds
 from imm_oracles import C, correct, kalman, pair_covariance, polynomial, range_differences
 from numpy.testing import assert_allclose, assert_array_equal
 
 from imm_tdoa import IMM, Bank, Stations
 from imm_tdoa.models import (
-    FDOA,
     TDOA,
     TOA,
     ConstantAcceleration,
     ConstantVelocity,
     CoordinatedTurn,
     Position,
-    Stack,
     Static,
 )
-
-SIGMA = 10e-9
-CORNERS = np.array([[0.0, 0.0], [2e3, 0.0], [0.0, 2e3], [2.1e3, 2.2e3], [900.0, -800.0]])
-BIRTH = {"velocity": 30.0, "acceleration": 3.0}
-seeds = st.integers(0, 2**32 - 1)
-
-
-def bank_of(orders=(0, 1, 2), **more):
-    kinds = [Static(psd=0.5), ConstantVelocity(psd=2.0), ConstantAcceleration(psd=0.3)]
-    return Bank([kinds[o] for o in orders], birth_std=BIRTH, **{"mean_sojourn": 20.0, **more})
-
-
-def arrivals(rng, times, p=(700.0, 900.0), v=(12.0, -9.0), stations=CORNERS, sigma=SIGMA):
-    """Noisy arrival times (T, S), s, each scan with an unknown emission time."""
-    path = np.array(p) + np.array(v) * np.asarray(times)[:, None]
-    clean = np.linalg.norm(path[:, None] - stations, axis=-1) / C
-    return clean + sigma * rng.normal(size=clean.shape)
-
-
-def irregular(rng, count):
-    return np.cumsum(rng.choice([0.0, 0.4, 1.0, 3.0], size=count))
-
-
-def differences(toa, pairs):
-    return toa[..., pairs[:, 0]] - toa[..., pairs[:, 1]]
-
 
 # --- special banks -------------------------------------------------------------------------------
 
@@ -167,133 +140,6 @@ def test_identity_chain_weighs_separate_filters(seed, endless):
     assert_allclose(
         track.mode_probability, np.exp(joint - evidence[:, None]), rtol=1e-8, atol=1e-14
     )
-
-
-# --- nothing depends on the bookkeeping ----------------------------------------------------------
-
-FORMS = {
-    "station 2": lambda s: TDOA(s, toa_sigma=SIGMA, pairs=[[i, 2] for i in (0, 1, 3, 4)]),
-    "adjacent": lambda s: TDOA(s, toa_sigma=SIGMA, pairs="adjacent"),
-    "all pairs": lambda s: TDOA(
-        s, toa_sigma=SIGMA, pairs=[[i, j] for j in range(5) for i in range(5) if i != j]
-    ),
-    "arrivals": lambda s: TOA(s, sigma=SIGMA),
-}
-
-
-@pytest.mark.parametrize(
-    ("form", "seed"),
-    # a silent station breaks a chain of adjacent pairs, so that one only where all are heard
-    [(form, seed) for form in FORMS for seed in range(4) if form != "adjacent" or seed < 2],
-)
-def test_the_reference_station_does_not_matter(form, seed):
-    """Estimate, covariance, mode probability and log-likelihood, to 1e-9 (ALGORITHMS §1.1)."""
-    rng = np.random.default_rng(seed)
-    t = irregular(rng, 10)
-    toa = arrivals(rng, t)
-    if seed >= 2:  # one station silent for a while, not the reference of either form
-        toa[3:6, 4] = np.nan
-    stations = Stations(CORNERS)
-    bank = bank_of()
-    tracks = []
-    for measurement in (TDOA(stations, toa_sigma=SIGMA), FORMS[form](stations)):
-        imm = IMM(bank, measurement)
-        if form == "arrivals" and isinstance(measurement, TOA):
-            values = toa + rng.uniform(0.0, 1e-3, (10, 1))  # any emission time
-        else:
-            values = differences(toa, measurement.pairs)
-        start = imm.start(0.0, [705.0, 890.0], np.diag([900.0, 400.0]))
-        tracks.append(imm.run(t, values, start=start))
-    a, b = tracks
-    assert_allclose(b.mean, a.mean, rtol=1e-9, atol=1e-8)
-    assert_allclose(b.covariance, a.covariance, rtol=1e-9, atol=1e-8)
-    assert_allclose(b.mode_probability, a.mode_probability, rtol=1e-9, atol=1e-12)
-    assert_allclose(b.log_likelihood, a.log_likelihood, rtol=1e-9)
-    assert_allclose(b.nis, a.nis, rtol=1e-8)
-    assert_array_equal(b.nis_dof, a.nis_dof)
-
-
-def test_unequal_arrival_errors_keep_the_reference_irrelevant():
-    rng = np.random.default_rng(9)
-    sigma = np.array([5e-9, 40e-9, 10e-9, 20e-9, 8e-9])
-    t = irregular(rng, 10)
-    toa = arrivals(rng, t, sigma=sigma)
-    stations, tracks = Stations(CORNERS), []
-    for measurement in (
-        TDOA(stations, toa_sigma=sigma),
-        TDOA(stations, toa_sigma=sigma, pairs=[[i, 3] for i in (0, 1, 2, 4)]),
-        TOA(stations, sigma=sigma),
-    ):
-        imm = IMM(bank_of(), measurement)
-        values = toa if isinstance(measurement, TOA) else differences(toa, measurement.pairs)
-        start = imm.start(0.0, [705.0, 890.0], np.diag([900.0, 400.0]))
-        tracks.append(imm.run(t, values, start=start))
-    for other in tracks[1:]:
-        assert_allclose(other.mean, tracks[0].mean, rtol=1e-9, atol=1e-8)
-        assert_allclose(other.covariance, tracks[0].covariance, rtol=1e-9, atol=1e-8)
-        assert_allclose(other.mode_probability, tracks[0].mode_probability, rtol=1e-9, atol=1e-12)
-        assert_allclose(other.log_likelihood, tracks[0].log_likelihood, rtol=1e-9)
-
-
-def kilometre_bank(u):
-    """The same bank where lengths are given in units of u metres."""
-    return Bank(
-        [
-            Static(psd=0.5 / u**2),
-            ConstantVelocity(psd=2.0 / u**2),
-            ConstantAcceleration(psd=0.3 / u**2),
-        ],
-        mean_sojourn=20.0,
-        birth_std={kind: std / u for kind, std in BIRTH.items()},
-    )
-
-
-@pytest.mark.parametrize("length", [1.0, 1e3, 0.3048])
-@pytest.mark.parametrize("second", [1.0, 1e-9])
-def test_units_change_nothing_but_the_units(length, second):
-    """Metres or kilometres; differences in seconds or nanoseconds, with speed= to match."""
-    rng = np.random.default_rng(6)
-    t = irregular(rng, 10)
-    toa = arrivals(rng, t)
-    base = IMM(kilometre_bank(1.0), TDOA(Stations(CORNERS), toa_sigma=SIGMA))
-    other = IMM(
-        kilometre_bank(length),
-        TDOA(Stations(CORNERS / length), toa_sigma=SIGMA / second, speed=C * second / length),
-    )
-    z = differences(toa, base.measurement.pairs)
-    mean, P = np.array([705.0, 890.0]), np.diag([900.0, 400.0])
-    a = base.run(t, z, start=base.start(0.0, mean, P))
-    b = other.run(t, z / second, start=other.start(0.0, mean / length, P / length**2))
-    assert_allclose(b.mean * length, a.mean, rtol=1e-9, atol=1e-8)
-    assert_allclose(b.covariance * length**2, a.covariance, rtol=1e-9, atol=1e-8)
-    assert_allclose(b.mode_probability, a.mode_probability, rtol=1e-9, atol=1e-13)
-    assert_allclose(b.nis, a.nis, rtol=1e-9)
-    rows = np.cumsum(a.nis_dof)  # a density per unit length: each row brings log(length)
-    assert_allclose(b.log_likelihood - rows * np.log(length), a.log_likelihood, rtol=1e-9)
-
-
-@settings(deadline=None, max_examples=8)
-@given(seed=seeds, angle=st.floats(-np.pi, np.pi), mirror=st.booleans())
-def test_translation_and_rotation_move_the_answer_along(seed, angle, mirror):
-    rng = np.random.default_rng(seed)
-    shift = rng.uniform(-5e4, 5e4, 2)
-    A = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    if mirror:
-        A = A @ np.diag([1.0, -1.0])
-    t = irregular(rng, 8)
-    toa = arrivals(rng, t)
-    a = IMM(bank_of(), TOA(Stations(CORNERS), sigma=SIGMA))
-    b = IMM(bank_of(), TOA(Stations(CORNERS @ A.T + shift), sigma=SIGMA))
-    mean, P = np.array([705.0, 890.0]), np.array([[900.0, 200.0], [200.0, 400.0]])
-    a = a.run(t, toa, start=a.start(0.0, mean, P))
-    b = b.run(t, toa, start=b.start(0.0, A @ mean + shift, A @ P @ A.T))
-    full = np.kron(np.eye(3), A)
-    want = a.mean @ full.T
-    want[:, :2] += shift
-    assert_allclose(b.mean, want, rtol=1e-9, atol=1e-6)
-    assert_allclose(b.covariance, full @ a.covariance @ full.T, rtol=1e-7, atol=1e-6)
-    assert_allclose(b.mode_probability, a.mode_probability, rtol=1e-7, atol=1e-12)
-    assert_allclose(b.log_likelihood, a.log_likelihood, rtol=1e-8, atol=1e-8)
 
 
 # --- time ----------------------------------------------------------------------------------------
@@ -428,109 +274,3 @@ def test_covariances_stay_proper_for_thousands_of_steps(mixing, T):
     heard = np.isfinite(track.nis)
     error = np.linalg.norm(track.position - path, axis=-1)[heard]
     assert np.median(error) < 10.0
-
-
-# --- many targets at once ------------------------------------------------------------------------
-
-
-def many_targets(B, T, seed=0):
-    rng = np.random.default_rng(seed)
-    p, v = rng.uniform(300.0, 1700.0, (B, 2)), rng.normal(0.0, 15.0, (B, 2))
-    t = np.cumsum(rng.choice([0.5, 1.0, 2.0], size=T))
-    path = p[:, None] + v[:, None] * t[:, None]
-    toa = np.linalg.norm(path[:, :, None] - CORNERS, axis=-1) / C
-    toa += SIGMA * rng.normal(size=toa.shape)
-    values = toa[..., 1:] - toa[..., :1]
-    values[rng.uniform(size=values.shape) < 0.15] = np.nan
-    values[np.arange(B) % 7 == 0, 0] = np.nan  # these start later than the others
-    values[np.arange(B) % 11 == 0, 3:5] = np.nan
-    return t, values, p
-
-
-FIELDS = ("mean", "covariance", "mode_probability", "log_likelihood", "nis")
-
-
-def assert_target(batch, b, one):
-    """Target b of the batch is the track `one`, up to its NaN rows before the start."""
-    rows = slice(batch.mean.shape[-2] - len(one.times), None)
-    for name in FIELDS:
-        got, want = getattr(batch, name)[b], getattr(one, name)
-        assert np.isnan(got[: rows.start]).all(), name
-        assert_allclose(got[rows], want, rtol=1e-10, atol=1e-10, err_msg=f"{name}, target {b}")
-    assert_array_equal(batch.nis_dof[b][rows], one.nis_dof)
-
-
-def test_a_thousand_targets_at_once_are_a_thousand_alone():
-    """Every target against another, shuffled grouping; every 25th against a run of its own."""
-    B, T = 1000, 12
-    t, values, p = many_targets(B, T)
-    imm = IMM(bank_of(), TDOA(Stations(CORNERS), toa_sigma=SIGMA))
-    P = 400.0 * np.eye(2)
-    batch = imm.run(t, values, start=imm.start(0.0, p, P))
-    assert batch.mean.shape == (B, T, 6)
-    for group in np.array_split(np.random.default_rng(0).permutation(B), 25):
-        part = imm.run(t, values[group], start=imm.start(0.0, p[group], P))
-        for name in FIELDS:
-            got, want = getattr(batch, name)[group], getattr(part, name)
-            assert_allclose(got, want, rtol=1e-10, atol=1e-10, err_msg=name)
-    for b in range(0, B, 25):
-        assert_target(batch, b, imm.run(t, values[b], start=imm.start(0.0, p[b], P)))
-
-
-def test_targets_that_start_by_themselves_at_different_scans():
-    B, T = 33, 12
-    t, values, _ = many_targets(B, T, seed=1)
-    imm = IMM(bank_of(), TDOA(Stations(CORNERS), toa_sigma=SIGMA))
-    batch = imm.run(t, values)
-    starts = set()
-    for b in range(B):
-        one = imm.run(t, values[b])
-        starts.add(T - len(one.times))
-        assert_target(batch, b, one)
-    assert len(starts) > 1
-
-
-def test_a_batch_with_the_gate_and_several_kinds_of_rows():
-    rng = np.random.default_rng(3)
-    B, T = 12, 8
-    t, values, p = many_targets(B, T, seed=2)
-    stations = Stations(CORNERS, velocities=rng.normal(0, 20.0, CORNERS.shape))
-    stack = Stack(TDOA(stations, toa_sigma=SIGMA), FDOA(stations, range_rate_sigma=0.5))
-    imm = IMM(bank_of(), stack, robust="gate")
-    rates = np.empty((B, T, 4))
-    for index in np.ndindex(B, T):
-        rates[index] = FDOA(stations, range_rate_sigma=0.5).predict(p[index[0]], np.zeros(2), 0.0)
-    rates += 0.7 * rng.normal(size=rates.shape)
-    values = np.concatenate([values, rates], axis=-1)
-    values[::3, 4, 1] += 1e-6
-    start = imm.start(0.0, p, 400.0 * np.eye(2))
-    batch = imm.run(t, values, start=start)
-    for b in range(B):
-        alone = imm.start(0.0, p[b], 400.0 * np.eye(2))
-        assert_target(batch, b, imm.run(t, values[b], start=alone))
-
-
-def test_times_and_pairs_may_differ_from_target_to_target():
-    rng = np.random.default_rng(5)
-    B, T = 6, 9
-    t = np.cumsum(rng.uniform(0.0, 2.0, (B, T)), axis=1)
-    toa = np.stack([arrivals(rng, t[b]) for b in range(B)])
-    pairs = np.stack([rng.permuted(np.tile(np.arange(5), (T, 1)), axis=1) for _ in range(B)])
-    pairs = np.stack([pairs[..., [0, 1]], pairs[..., [2, 3]]], axis=-2)
-    values = np.take_along_axis(toa, pairs[..., 0], -1) - np.take_along_axis(toa, pairs[..., 1], -1)
-    imm = IMM(bank_of(), TDOA(Stations(CORNERS), toa_sigma=SIGMA))
-    start = imm.start(0.0, [700.0, 900.0], 400.0 * np.eye(2))
-    batch = imm.run(t, values, start=start, pairs=pairs)
-    for b in range(B):
-        assert_target(batch, b, imm.run(t[b], values[b], start=start, pairs=pairs[b]))
-
-
-def test_start_of_a_batch_is_the_batch_of_starts():
-    imm = IMM(bank_of(), Position(1.0))
-    state = imm.start(np.array([0.0, 5.0]), np.zeros((2, 2)), np.eye(2))
-    assert state.log_mode_probability.shape == (2, 3)
-    later = imm.step(state, 6.0, np.ones((2, 2)))
-    for b in range(2):
-        one = imm.step(imm.start([0.0, 5.0][b], [0.0, 0.0], np.eye(2)), 6.0, [1.0, 1.0])
-        assert_allclose(later.mean[b], one.mean, rtol=1e-13)
-        assert_allclose(later.log_likelihood[b], one.log_likelihood, rtol=1e-13)

@@ -1,59 +1,26 @@
-"""Bank to filterpy and back: the same numbers, and refusals of what would not be the same."""
+"""Bank to filterpy and back: the same numbers."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 
-import attrs
 import filterpy.kalman as fp
 import numpy as np
 import pytest
-from filterpy.common import Q_discrete_white_noise
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from interop_cases import BANKS, CA_NAMES, CV_NAMES, kalman
 from numpy.testing import assert_allclose, assert_array_equal
 
-from imm_tdoa import IMM, Bank, Stations, interop
-from imm_tdoa.contract import LinearMotion, Measurement
-from imm_tdoa.interop import FixedStep, LinearMeasurement, from_filterpy, to_filterpy
-from imm_tdoa.models import (
-    TDOA,
-    TOA,
-    ConstantAcceleration,
-    ConstantVelocity,
-    CoordinatedTurn,
-    Position,
-    Singer,
-    Static,
-)
-from imm_tdoa.testing import check_measurement_model, check_motion_model
-
-CV_NAMES = ("x", "vx", "y", "vy")
-CA_NAMES = ("x", "vx", "ax", "y", "vy", "ay")
+from imm_tdoa import IMM, interop
+from imm_tdoa.interop import from_filterpy, to_filterpy
+from imm_tdoa.models import Position
 
 
 def spd(rng, n, scale=1.0):
     A = rng.normal(size=(n, n))
     return scale * (A @ A.T / n + 0.1 * np.eye(n))
-
-
-def kalman(var=1.0, order=1, dt=0.5, column=True):
-    """A filter as filterpy's books set one up: axis by axis, position, velocity, acceleration."""
-    n = order + 1
-    kf = fp.KalmanFilter(dim_x=2 * n, dim_z=2)
-    f = np.array([[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]])[:n, :n]
-    kf.F = np.kron(np.eye(2), f)
-    q = Q_discrete_white_noise(dim=n, dt=dt, var=var) if n > 1 else var * np.eye(1)
-    kf.Q = np.kron(np.eye(2), q)
-    kf.H = np.kron(np.eye(2), np.eye(1, n))
-    kf.R = np.array([[4.0, 1.0], [1.0, 9.0]])
-    x = np.array([100.0, 3.0, 0.1][:n] + [200.0, -2.0, 0.2][:n])
-    kf.x = x[:, None] if column else x
-    kf.P = np.kron(
-        np.diag([50.0, 30.0]), np.array([[2, 0.5, 0.1], [0.5, 1, 0.2], [0.1, 0.2, 1]])[:n, :n]
-    )
-    return kf
 
 
 def indices(names, wanted):
@@ -161,18 +128,6 @@ def test_velocity_may_be_measured_and_other_components_may_be_there():
 
 # --- to filterpy ---------------------------------------------------------------------------------
 
-BANKS = {
-    "static-cv-ca": Bank(
-        [Static(psd=1.0), ConstantVelocity(psd=0.3), ConstantAcceleration(std=0.2)],
-        mean_sojourn=[30.0, 20.0, 10.0],
-        prior=[0.5, 0.3, 0.2],
-    ),
-    "singer": Bank([Singer(std=2.0)]),
-    "two-cv": Bank(
-        [ConstantVelocity(psd=0.1), ConstantVelocity(std=3.0)], transition=[[0.9, 0.1], [0.3, 0.7]]
-    ),
-}
-
 
 @pytest.mark.parametrize("name", BANKS)
 @pytest.mark.parametrize("dims", [1, 2, 3])
@@ -247,238 +202,6 @@ def test_units_are_those_of_the_values():
     filters, _, _ = to_filterpy(BANKS["two-cv"], Kilometres(50.0), 1.0)
     assert_allclose(filters[0].H, 1e-3 * np.eye(2, 4))
     assert_allclose(filters[0].R, 0.05**2 * np.eye(2))
-
-
-# --- the models that come of it ------------------------------------------------------------------
-
-
-@attrs.frozen(eq=False)
-class AnyStep(LinearMotion):
-    """A `FixedStep` that takes every step for its own, so that the laws can be tried on it."""
-
-    model: FixedStep
-    composes: bool = False
-
-    def components(self, dims):
-        return self.model.components(dims)
-
-    def _step(self, dt):
-        dt = np.asarray(dt, dtype=float)
-        return np.where(dt > 0.0, self.model.dt, dt)
-
-    def transition(self, dt, dims):
-        return self.model.transition(self._step(dt), dims)
-
-    def process_noise(self, dt, dims):
-        return self.model.process_noise(self._step(dt), dims)
-
-    def propagate(self, x, dt):
-        return self.model.propagate(x, self._step(dt))
-
-    def jacobian(self, x, dt):
-        return self.model.jacobian(x, self._step(dt))
-
-
-@pytest.mark.parametrize("order", [0, 1, 2])
-def test_a_fixed_step_obeys_the_laws_that_compare_no_steps(order):
-    names = [("x", "y"), CV_NAMES, CA_NAMES][order]
-    bank, _, _ = from_filterpy([kalman(1.0, order)], components=names, dt=0.5)
-    check_motion_model(
-        AnyStep(bank.models[0]), examples=15, without=["semigroup", "noise composes", "kinematics"]
-    )
-
-
-def test_a_linear_measurement_obeys_the_laws():
-    measurement = LinearMeasurement([[1, 0, 0.5, 0], [0, 1, 0, 0], [0, 0, 1, 1]], np.eye(3) + 0.2)
-    check_measurement_model(
-        measurement,
-        examples=15,
-        without=["translation", "rotation", "units"],
-        bad_arguments=[
-            lambda: LinearMeasurement(np.eye(3), np.eye(3)),
-            lambda: LinearMeasurement(np.eye(2), np.eye(3)),
-            lambda: LinearMeasurement(np.eye(2), np.ones((2, 2))),
-            lambda: LinearMeasurement(np.eye(2), np.zeros((2, 2))),
-            lambda: LinearMeasurement(np.zeros((0, 2)), np.zeros((0, 0))),
-            lambda: LinearMeasurement(np.eye(2), np.eye(2), dims=4),
-        ],
-    )
-
-
-def test_a_fixed_step_refuses_other_steps():
-    model = FixedStep(np.array([[1, 0.1], [0, 1]]), np.eye(2), ("x", "vx"), 0.1)
-    stamps = 1.7e9 + 0.1 * np.arange(4)
-    assert_array_equal(model.transition(np.diff(stamps), 1), np.tile(model.F, (3, 1, 1)))
-    assert_array_equal(model.process_noise(0.0, 1), np.zeros((2, 2)))
-    assert_array_equal(model.transition([0.0, 0.1], 1), [np.eye(2), model.F])
-    for step in (0.2, 0.05, 0.1002):
-        with pytest.raises(ValueError, match=r"dt: F and Q of this model hold for steps of 0.1 s"):
-            model.transition(step, 1)
-    imm = IMM(Bank([model]), Position(1.0, dims=1))
-    with pytest.raises(ValueError, match=r"steps of 0.1 s \(or 0\), got 0.25 s"):
-        imm.run([0.0, 0.1, 0.35], np.zeros((3, 1)), start=imm.start(0.0, [0.0], [[1.0]]))
-    with pytest.raises(ValueError, match="dims: this model has 1 space dimensions, got 2"):
-        model.components(2)
-    with pytest.raises(ValueError, match="dims: expected 1, 2 or 3"):
-        model.process_noise(0.1, 4)
-    with pytest.raises(ValueError, match="x: expected 2 components"):
-        model.propagate(np.zeros(3), 0.1)
-
-
-@pytest.mark.parametrize(
-    ("change", "match"),
-    [
-        ({"F": np.eye(3)}, "F: expected shape"),
-        ({"Q": -np.eye(2)}, "Q: a variance on its diagonal is negative"),
-        ({"names": ("x", "x")}, "names: expected different names"),
-        ({"names": "xy"}, "names: expected component names"),
-        ({"names": ("y", "vy")}, r"names: expected the position among them \(x; x and y"),
-        ({"dt": 0.0}, "dt: expected a number above 0"),
-    ],
-)
-def test_no_fixed_step(change, match):
-    given = {"F": np.eye(2), "Q": np.eye(2), "names": ("x", "vx"), "dt": 1.0}
-    with pytest.raises(ValueError, match=match):
-        FixedStep(**{**given, **change})
-
-
-# --- refusals ------------------------------------------------------------------------------------
-
-
-def changed(**attributes):
-    kf = kalman()
-    for name, value in attributes.items():
-        setattr(kf, name, value)
-    return kf
-
-
-class Drifting(fp.KalmanFilter):
-    """Predicts in its own way."""
-
-    def predict(self, u=None, B=None, F=None, Q=None):
-        self.x = self.x + 1.0
-
-
-R = kalman().R
-OTHER_H = kalman().H * [[1.0], [2.0]]
-ON_ACCELERATION = np.kron(np.eye(2), [[1.0, 0.0, 0.1]])
-
-
-@pytest.mark.parametrize(
-    ("filters", "match"),
-    [
-        ([], "filters: expected a list of KalmanFilter, got"),
-        (kalman(), "filters: expected a list of KalmanFilter"),
-        ([kalman(), None], r"filters: filters\[1\] is no filterpy KalmanFilter"),
-        ([fp.ExtendedKalmanFilter(4, 2)], r"filters: filters\[0\] is no filterpy KalmanFilter"),
-        ([Drifting(4, 2)], r"filters: filters\[0\] is no filterpy KalmanFilter"),
-        ([changed(B=np.ones((4, 1)))], r"filters\[0\] has a control matrix B"),
-        ([kalman(), changed(alpha=1.02)], r"filters\[1\] has a fading memory, alpha = 1.02"),
-        ([changed(M=np.ones((4, 2)))], r"filters\[0\] has process noise correlated"),
-        ([kalman(), changed(R=2 * R)], r"filters\[1\].R: differs from that of filters\[0\]"),
-        ([kalman(), changed(H=OTHER_H)], r"filters\[1\].H: differs from that of filters\[0\]"),
-        ([changed(R=5.0)], r"filters\[0\].R: expected shape \(2, 2\)"),
-        ([changed(Q=0.1)], r"filters\[0\].Q: expected shape \(4, 4\)"),
-        ([changed(F=lambda dt: dt)], r"filters\[0\].F: expected numbers"),
-        ([changed(P=-np.eye(4))], r"filters\[0\].P: a variance on its diagonal is negative"),
-        ([changed(R=np.ones((2, 2)))], "R: expected a positive definite matrix"),
-        ([changed(x=np.zeros(6))], r"filters\[0\].x: expected shape"),
-        ([kalman(order=2)], r"filters\[0\].F: expected shape \(4, 4\), got \(6, 6\)"),
-        (fp.IMMEstimator([kalman(), kalman()], [0.5, 0.5], 0.5 * np.ones((2, 2))), "imm.filters"),
-    ],
-)
-def test_what_is_no_plain_kalman_filter(filters, match):
-    with pytest.raises(ValueError, match=match):
-        from_filterpy(filters, components=CV_NAMES, dt=0.5)
-
-
-def test_a_measured_acceleration_is_refused():
-    kf = kalman(order=2)
-    kf.H = ON_ACCELERATION
-    with pytest.raises(ValueError, match=r"filters\[0\].H: acts on 'ax'; a measurement here sees"):
-        from_filterpy([kf], components=CA_NAMES, dt=0.5)
-
-
-@pytest.mark.parametrize(
-    ("options", "match"),
-    [
-        ({"components": "x"}, "components: expected names"),
-        ({"components": ("x", "vx", "y", "x")}, "components: expected different names"),
-        ({"components": ("px", "vx", "py", "vy")}, "components: names: expected the position"),
-        ({"components": ("x", "vx", "z", "vz")}, "components: names: expected the position"),
-        ({"components": [CV_NAMES]}, "components: expected names for each of 2 filters, got 1"),
-        ({"components": [CV_NAMES, ("x", "vx", "ax", "j")]}, "the same space dimensions"),
-        ({"components": ("x", "vx", "y", "ay")}, "expected all of"),
-        ({"dt": -1.0}, "dt: expected a number above 0"),
-        ({"transition": [[0.9, 0.3], [0.1, 0.7]]}, "transition: .* is it transposed"),
-        ({"mode_probability": [0.4, 0.4]}, "prior: expected"),
-    ],
-)
-def test_refused_options(options, match):
-    given = {"components": CV_NAMES, "dt": 0.5, **options}
-    with pytest.raises(ValueError, match=match):
-        from_filterpy([kalman(), kalman(2.0)], **given)
-
-
-class Offset(Measurement):
-    """Position from an origin elsewhere."""
-
-    dims, size = 2, 2
-
-    def predict(self, position, velocity, time):
-        return position + 5.0
-
-    def jacobian(self, position, velocity, time):
-        H = np.broadcast_to(np.eye(2), (*position.shape[:-1], 2, 2))
-        return H, 0.0 * H
-
-    def noise_covariance(self, position, velocity, time):
-        return np.eye(2)
-
-
-class Blurred(Offset):
-    """Noise that grows with the distance."""
-
-    def predict(self, position, velocity, time):
-        return position
-
-    def noise_covariance(self, position, velocity, time):
-        return (1.0 + position[..., :1, None] ** 2) * np.eye(2)
-
-
-STATIONS = Stations([[0.0, 0.0], [1e3, 0.0], [0.0, 1e3]])
-
-
-@pytest.mark.parametrize(
-    ("bank", "measurement", "dt", "match"),
-    [
-        ("two-cv", TDOA(STATIONS, toa_sigma=1e-8), 1.0, "of TDOA the rows are not"),
-        ("two-cv", TOA(STATIONS, sigma=1e-8), 1.0, "of TOA rows share an unknown offset"),
-        ("two-cv", Offset(), 1.0, "of Offset the rows are not: they have a constant part"),
-        ("two-cv", Blurred(), 1.0, "of Blurred the noise depends on where the emitter is"),
-        ("two-cv", Position, 1.0, "measurement: no measurement model"),
-        ("two-cv", Position(1.0), 0.0, "dt: expected a number above 0"),
-        (None, Position(1.0), 1.0, "bank: expected a Bank, got None"),
-    ],
-)
-def test_what_filterpy_cannot_take(bank, measurement, dt, match):
-    with pytest.raises(ValueError, match=match):
-        to_filterpy(BANKS.get(bank), measurement, dt)
-
-
-def test_models_and_states_filterpy_cannot_take():
-    turn = Bank([ConstantVelocity(psd=1.0), CoordinatedTurn(psd=1.0)])
-    with pytest.raises(ValueError, match="bank: mode 'coordinated-turn' is not linear"):
-        to_filterpy(turn, Position(1.0), 1.0)
-    bank, measurement = BANKS["two-cv"], Position(1.0)
-    other = IMM(turn, measurement).start(0.0, np.zeros(2), np.eye(2))
-    with pytest.raises(ValueError, match="state: expected a state of this bank's modes"):
-        to_filterpy(bank, measurement, 1.0, other)
-    batch = IMM(bank, measurement).start(0.0, np.zeros((3, 2)), np.eye(2))
-    with pytest.raises(
-        ValueError, match=r"state: expected one target, got a batch of shape \(3,\)"
-    ):
-        to_filterpy(bank, measurement, 1.0, batch)
 
 
 def test_filterpy_loads_when_used():

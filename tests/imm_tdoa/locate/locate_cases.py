@@ -10,6 +10,12 @@ from hypothesis import strategies as st
 from imm_tdoa import Stations
 from imm_tdoa.contract import Array
 
+C = 299_792_458.0
+RING = np.array([(0, 0), (1000, 0), (0, 1000), (1100, 1200), (500, -400), (-700, 300)], float)
+GROUND = np.array(
+    [(0, 0, 0), (9e3, 0, 50), (0, 8e3, 120), (1e4, 1.1e4, 10), (5e3, -4e3, 300), (-6e3, 2e3, 80)]
+)
+
 SENSORS = np.array(
     [(0, 0), (-5, 8), (4, 6), (-2, 4), (7, 3), (-7, 5), (2, 5), (-4, 2), (3, 3), (1, 8)], float
 )

@@ -89,3 +89,13 @@ def covariance_tolerance(expected: Any, count: int) -> Any:
 def binomial_tolerance(p: float, count: int) -> float:
     """Five standard deviations of the share of hits in `count` draws."""
     return 5.0 * float(np.sqrt(p * (1.0 - p) / count))
+
+
+def same(one: Recording, two: Recording, *tables: str) -> bool:
+    """Whether tables of two recordings are equal to the last bit."""
+    pairs = [(getattr(one, t), getattr(two, t)) for t in tables]
+    return all(
+        (a is None and b is None)
+        or (list(a) == list(b) and all(np.array_equal(a[c], b[c]) for c in a))
+        for a, b in pairs
+    )
