@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -79,6 +80,8 @@ def simulate(
         table.add_row(word, str(count))
     console.print(table)
     output.written(console, out, sorted(file.name for file in out.iterdir() if file.is_file()))
+    command = ["imm-tdoa", "track", str(out), *shlex.split(plan.track_with)]
+    console.print(f"track it: {shlex.join(command)}", soft_wrap=True, markup=False, highlight=False)
 
 
 def _confusion(made: Simulated) -> list[tuple[str, int]]:

@@ -58,6 +58,8 @@ class Scenario:
         One line that says what this is.
     notes : str
         Whatever else there is to say; goes into the recording.
+    track_with : str
+        Options of ``imm-tdoa track`` that suit its targets, such as ``--bank ship``; a hint.
     dims : 2 or 3
         Number of space dimensions.
     speed_mps : float
@@ -79,6 +81,7 @@ class Scenario:
 
     title: str = attrs.field(validator=_checks.is_a(str))
     notes: str = attrs.field(default="", validator=_checks.is_a(str))
+    track_with: str = attrs.field(default="", validator=_checks.is_a(str))
     dims: int = attrs.field(validator=_checks.one_of(2, 3))
     speed_mps: float = attrs.field(default=299792458.0, validator=_checks.above_zero)
     seed: int = attrs.field(default=0, validator=_checks.whole)

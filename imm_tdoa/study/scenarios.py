@@ -18,7 +18,7 @@ from imm_tdoa.study import banks, sweep
 
 # What drawing understands; anything else that a scenario may say must be at its default.
 DRAWN = (
-    *("title", "notes", "dims", "speed_mps", "seed", "frame", "stations", "sampling"),
+    *("title", "notes", "track_with", "dims", "speed_mps", "seed", "frame", "stations", "sampling"),
     *("noise", "clock", "dropouts", "outliers", "targets"),
 )
 

@@ -134,6 +134,8 @@ def test_rows_are_accounted_for(tracked: tuple[Path, str], place: Path) -> None:
     overall = json.loads((out / "summary.json").read_text("utf-8"))["overall"]
     assert overall["rows"] == len(table(place / "pair" / "tdoa.csv"))
     assert 0 < overall["rows_taken"] <= overall["rows"]
+    parts = (overall[f"rows_{name}"] for name in ("taken", "ignored", "left"))
+    assert overall["rows"] == sum(parts)
     assert overall["scans"] == len({row["time_s"] for row in table(place / "pair" / "tdoa.csv")})
 
 
@@ -206,6 +208,7 @@ def test_nothing_but_false_rows(tmp_path: Path) -> None:
     [
         (("--target", "1"), "--target: nobody knows whose rows are whose"),
         (("--engine", "compiled"), "--engine: only the tracks of labelled recordings"),
+        (("--robust", "gate"), "--robust: only for labelled recordings; without labels a row that"),
         (("--detection-probability", "1.5"), "detection_probability: expected a probability"),
         (("--cutoff", "-1"), "--cutoff: expected"),
     ],

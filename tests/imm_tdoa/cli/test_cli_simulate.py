@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import pytest
 from cli_cases import run, words
 
+from imm_tdoa import bankfile
+from imm_tdoa.cycle import ROBUST
 from imm_tdoa.recording import read
 from imm_tdoa.simulate import load, scenarios, simulate_labelled
 
@@ -44,6 +47,21 @@ def test_what_hides_whose_the_rows_are_is_counted(tmp_path: Path) -> None:
         assert line in words(text)
     assert (tmp_path / "rec" / "differences.png").stat().st_size > 10_000
     assert not read(tmp_path / "rec").labelled
+
+
+@pytest.mark.parametrize("name", scenarios())
+def test_how_to_track_it_is_said_and_exists(name: str) -> None:
+    options = shlex.split(load(name).track_with)
+    given = dict(zip(options[::2], options[1::2], strict=True))
+    assert set(given) <= {"--bank", "--robust"}
+    assert given.get("--bank", "static-cv-ca") in bankfile.presets()
+    assert given.get("--robust", "gate") in ROBUST
+
+
+def test_the_next_command_is_printed(tmp_path: Path) -> None:
+    code, text = run("simulate", "two-ships", "--out", tmp_path / "my ships")
+    assert code == 0
+    assert text.endswith(f"\ntrack it: imm-tdoa track '{tmp_path / 'my ships'}' --bank ship\n")
 
 
 def test_help_names_every_shipped_scenario() -> None:
