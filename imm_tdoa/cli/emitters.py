@@ -37,7 +37,7 @@ class Wishes:
     Attributes
     ----------
     robust : str or None
-        Rule against gross errors.
+        Rule against gross errors; refused.
     smooth : bool
         Whether tracks look back.
     associator : str or None
@@ -89,6 +89,11 @@ def track_unlabelled(
     """Track whatever there is, write, draw, and print a short table."""
     from imm_tdoa.recording import unlabelled
 
+    if wishes.robust is not None:
+        raise ValueError(
+            "--robust: only for labelled recordings; without labels a row that does not fit a "
+            "track is left to others"
+        )
     rows = unlabelled(data)
     with output.progress(len(rows.scans) + SMOOTHING + 2) as advance:
         begun = time.perf_counter()
@@ -114,7 +119,7 @@ def _tracked(data: Recording, bank: Bank, wishes: Wishes, scans: int, advance: A
     }
     tracker = Tracker(
         bank,
-        imm={"update": "iekf", "robust": wishes.robust},
+        imm={"update": "iekf"},
         **{name: value for name, value in given.items() if value is not None},
     )
     advance(f"scan 1 of {scans}")

@@ -84,8 +84,8 @@ def _overall(
         "living": len(tracks.living),
         "on_trial": tracks.on_trial,
         "scans": len(every),
-        "rows": sum(len(scan) for scan in every),
-        "rows_taken": sum(row["rows"] for row in rows.values()),
+        "rows": tracks.rows["given"],
+        **{f"rows_{name}": tracks.rows[name] for name in ("taken", "ignored", "left")},
         **figures(data.dims, pooled(known) if known else None),
         "log_likelihood": sum(row["log_likelihood"] for row in rows.values()),
         "lost_scans": sum(row["lost_scans"] for row in rows.values()),
@@ -138,7 +138,8 @@ def tell(data: Recording, found: Found, summary: Mapping[str, Any], home: Path) 
         out.print(f"{len(rows) - LISTED} more tracks are in summary.json")
     out.print(
         f"\n{_count(overall['tracks'], 'track')}, {overall['living']} of them alive at the end; "
-        f"{overall['rows_taken']} of {overall['rows']} rows taken; "
+        f"of {_count(overall['rows'], 'row')} {overall['rows_taken']} taken, "
+        f"{overall['rows_left']} nobody's, {overall['rows_ignored']} ignored; "
         f"{output.number(overall['seconds'], 2)} s",
         soft_wrap=True,
     )

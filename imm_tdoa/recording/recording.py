@@ -194,8 +194,9 @@ class Recording:
         Raises
         ------
         ValueError
-            No such target, rows that have no standard deviation, rows of several emitters
-            that nobody has told apart.
+            No such target, rows that have no standard deviation, rows that nobody has told
+            apart: of several emitters, or of one and false alarms. `imm_tdoa.Tracker` takes
+            these.
         """
         target = self._target(target)
         if not self.labelled:
@@ -216,16 +217,21 @@ class Recording:
         return target
 
     def _refuse_unassociated(self) -> None:
-        named = {n for t in self.measured.values() if "target" in t for n in t["target"].tolist()}
-        true = self._true_targets()
-        if max(len(named), len(true)) != 1:
-            count = max(len(named), len(true))
-            who = f"{count} emitters" if count else "nobody knows how many emitters"
-            raise ValueError(
-                f"recording.toml: labelled: false, and the rows are of {who}: unlabelled "
-                f"recordings need an association step, which this version does not have; where "
-                f"all rows are of one emitter, set labelled = true"
-            )
+        """Refuse rows of several emitters, and rows that may be nobody's."""
+        tables = self.measured.values()
+        named = {n for t in tables if "target" in t for n in t["target"].tolist()}
+        count = max(len(named), len(self._true_targets()))
+        if count == 1 and all("target" in t for t in tables):
+            return
+        rows = {
+            0: "the rows are of nobody knows how many emitters",
+            1: "the rows may be of one emitter and false alarms",
+        }
+        raise ValueError(
+            f"recording.toml: labelled: false, and "
+            f"{rows.get(count, f'the rows are of {count} emitters')}: imm-tdoa track (in Python, "
+            f"Tracker) finds out which are whose; where all are of one emitter, set labelled = true"
+        )
 
     def truth_times(self, target: str | None = None) -> Array:
         """Return the times (K,) of a target's truth rows, s; empty where it has none."""

@@ -27,13 +27,15 @@ array([[104., 243.]])
 from imm_tdoa.recording.unlabelled import Scan
 from imm_tdoa.tracking.advance import advance
 from imm_tdoa.tracking.assignment import GlobalNearest, assign
-from imm_tdoa.tracking.births import Births, Initiation, Memory, PairedFixes
+from imm_tdoa.tracking.births import Births, Initiation
 from imm_tdoa.tracking.confirmation import Confirmation, Hits, SequentialRatio
 from imm_tdoa.tracking.deletion import Deletion, Silence
 from imm_tdoa.tracking.duplicates import Duplicates, Merging
 from imm_tdoa.tracking.joint import Marginals, marginals
 from imm_tdoa.tracking.jpda import Jpda, soft_update
+from imm_tdoa.tracking.memory import Heard, Memory
 from imm_tdoa.tracking.nearest import Nearest
+from imm_tdoa.tracking.pairing import PairedFixes
 from imm_tdoa.tracking.rows import Association, Associator, Prediction, Unlabelled
 from imm_tdoa.tracking.scene import Scene
 from imm_tdoa.tracking.settings import Settings
@@ -50,6 +52,7 @@ __all__ = [
     "Deletion",
     "Duplicates",
     "GlobalNearest",
+    "Heard",
     "Hits",
     "Initiation",
     "Jpda",

@@ -12,7 +12,7 @@ from imm_tdoa.tracking import batches
 from imm_tdoa.tracking.clutter import bounds
 from imm_tdoa.tracking.door import at_the_door, refuse_foreign
 from imm_tdoa.tracking.judging import judged
-from imm_tdoa.tracking.lookback import Heard
+from imm_tdoa.tracking.memory import Heard
 from imm_tdoa.tracking.rows import Unlabelled
 from imm_tdoa.tracking.scene import Record, Scene, counted
 from imm_tdoa.tracking.settings import Settings
@@ -41,11 +41,11 @@ def advance(settings: Settings, scene: Scene, scan: Scan) -> Scene:
     """
     measurement = settings.imm.measurement
     refuse_foreign(measurement, scan)
+    given = int(np.count_nonzero(np.isfinite(scan.values)))
     if scan.time < scene.time:
-        late = counted(scene.ignored, {"late rows": len(scan)})
-        return attrs.evolve(scene, scans=scene.scans + 1, ignored=late)
-    rows, ignored, usual = at_the_door(settings, scene, scan)
+        return attrs.evolve(scene.refusing({"late rows": given}, given), scans=scene.scans + 1)
     low, high = bounds(measurement, scan.time)
+    rows, ignored, usual = at_the_door(settings, scene, scan, low, high)
     clutter = scene.clutter.seeing(rows, low, high)
     density = clutter.density if settings.clutter_density is None else settings.clutter_density
     state = _predicted(settings, scene, scan.time)
@@ -73,12 +73,12 @@ def advance(settings: Settings, scene: Scene, scan: Scan) -> Scene:
         standing=standing,
         clutter=clutter.after(rows, np.clip(1.0 - own.claimed, 0.0, 1.0)),
         usual=usual,
-        ignored=counted(scene.ignored, ignored),
-    )
-    now = Heard(scan.time, scene.scans - 1, left.values, left.row, density)
+    ).refusing(ignored, given)
+    now = Heard(scan.time, scene.scans - 1, left.values, left.row, density, left.emission)
     scene, members, share = judged(settings, scene, now, members, share)
     left = less(left, values_of(members[scene.settled], len(scan)))
-    scene, members, share = _begun(settings, scene, left, density, members, share)
+    now = attrs.evolve(now, values=left.values)
+    scene, members, share = _begun(settings, scene, now, members, share)
     record = Record.of(scan.time, scene.scans - 1, scene.identity, scene.state, members, share)
     return _remembered(scene, record)
 
@@ -117,23 +117,14 @@ def _stand(
 def _begun(
     settings: Settings,
     scene: Scene,
-    rows: Unlabelled,
-    density: Array,
+    now: Heard,
     members: Index,
     share: Array,
 ) -> tuple[Scene, Index, Array]:
     """Begin tracks from what is left, and keep no more on trial than the most."""
     trial = ~scene.confirmed
-    births = settings.initiation(
-        settings.imm,
-        settings.imm.measurement,
-        scene.time,
-        rows,
-        density,
-        scene.memory,
-        scene.scans - 1,
-        members[scene.confirmed | (scene.standing.age >= GROWN)],
-    )
+    known = members[scene.confirmed | (scene.standing.age >= GROWN)]
+    births = settings.initiation(settings.imm, now, scene.memory, known)
     scene = attrs.evolve(
         scene, memory=births.memory, ignored=counted(scene.ignored, births.ignored)
     )

@@ -1,4 +1,4 @@
-"""Where the values of a row can lie at all, and how many of them are nobody's."""
+"""Where emitters and the values of their rows can be at all, and how many values are nobody's."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from imm_tdoa.contract import Array, Mask, MeasurementModel
 from imm_tdoa.tracking.rows import Unlabelled
 
 FAR = (1e3, 1e4)  # times the spread of the stations: what does not grow between them is bounded
+REGION = 20.0  # times the spread of the stations: how wide the emitters are expected to be
 SLACK = 8.0  # standard deviations beyond the bounds that a value may lie
 MEMORY = 0.1  # weight of the newest scan in the running mean of false values
 FEWEST = 0.05  # false values per row and scan that are always allowed for
@@ -48,6 +49,15 @@ def bounds(measurement: MeasurementModel, time: float) -> tuple[Array, Array]:
     still &= ~measurement.angular & (measurement.offset_group < 0) & np.isfinite(sigma)
     slack = SLACK * np.where(still, sigma, 0.0)
     return np.where(still, c - slack, low), np.where(still, e + slack, high)
+
+
+def extent(measurement: MeasurementModel, time: float) -> float:
+    """Width of the region in which emitters are expected, m."""
+    d = measurement.dims
+    s = measurement.anchors(time, np.ones(measurement.size, dtype=bool)).reshape(-1, d)
+    s = s[np.isfinite(s).all(axis=-1)]
+    spread = float(np.sqrt(np.mean(np.sum((s - s.mean(axis=0)) ** 2, axis=-1)))) if len(s) else 1.0
+    return REGION * max(spread, 1.0)
 
 
 @attrs.frozen(eq=False)

@@ -1,205 +1,28 @@
-"""From rows that nobody owns to places that explain some of them: candidate fixes of one scan.
+"""Which values of a scan one emitter can have sent, when nobody knows whose they are.
 
 Every combination of as many rows as a position has coordinates, one value each, is solved for
-the places that it allows; the other rows say which of those places more values agree with. What
-is left is fitted to all its values, and judged by how much likelier they are from one emitter
-than from false alarms.
+the places that it allows; the other rows say which of those places more values agree with.
 """
 
 from __future__ import annotations
 
 from itertools import combinations
-from typing import NamedTuple
 
-import attrs
 import numpy as np
-from scipy.special import chdtri
 
 from imm_tdoa import gaussian
-from imm_tdoa.contract import Array, Index, Mask, MeasurementModel
+from imm_tdoa.contract import Array, Index, MeasurementModel
 from imm_tdoa.locate.closed_form import closed_form_points
-from imm_tdoa.locate.fix import Fix
 from imm_tdoa.locate.gauss_newton import fix_scans
 from imm_tdoa.locate.problem import Problem
 from imm_tdoa.scans import Scans
-from imm_tdoa.tracking.merit import merit
 from imm_tdoa.tracking.rows import Unlabelled
 
 GATE = 4.0  # standard deviations between a place's prediction and a value that may be its own
-CONTRADICTION = 0.999  # a fix whose chi2 lies beyond this quantile is none
-REGION = 20.0  # times the spread of the stations: how wide the emitters are expected to be
-UNLIKELY = -5.0  # log-odds under which a fix is a ghost
-SURE = 5.0  # a fix that much likelier than another that shares rows with it displaces it
 SEARCHES = 200  # most combinations that are searched for, where there is no closed form
 
 
-class Candidates(NamedTuple):
-    """Places that explain rows of one scan.
-
-    Attributes
-    ----------
-    position, covariance : (F, d), (F, d, d)
-        The places, m.
-    members : (F, m)
-        Index in the scan of the value of each row; -1 where it has none.
-    log_odds : (F,)
-        Log of how much likelier its values are from one emitter, anywhere, than false.
-    merit : (F,)
-        How well it explains its values (`imm_tdoa.tracking.merit`).
-    """
-
-    position: Array
-    covariance: Array
-    members: Index
-    log_odds: Array
-    merit: Array
-
-    @classmethod
-    def none(cls, dims: int, size: int) -> Candidates:
-        """No candidates."""
-        members = np.zeros((0, size), dtype=np.int64)
-        return cls(
-            np.zeros((0, dims)), np.zeros((0, dims, dims)), members, np.zeros(0), np.zeros(0)
-        )
-
-    def part(self, which: Index | Mask) -> Candidates:
-        """Return some of them."""
-        return Candidates(
-            self.position[which],
-            self.covariance[which],
-            self.members[which],
-            self.log_odds[which],
-            self.merit[which],
-        )
-
-
-@attrs.frozen
-class Combining:
-    """Candidate fixes of one scan.
-
-    Parameters
-    ----------
-    most : int
-        Most combinations of values that are tried in one scan; rows with few values go first.
-    detection_probability : float
-        Probability that a row of a target is measured.
-    """
-
-    most: int = 20000
-    detection_probability: float = 0.9
-
-    def __call__(
-        self, measurement: MeasurementModel, time: float, scan: Unlabelled, density: Array
-    ) -> tuple[Candidates, int]:
-        """Return the candidates, and how many combinations were left out.
-
-        Parameters
-        ----------
-        measurement : MeasurementModel
-            What is measured.
-        time : float
-            Time of the scan, s.
-        scan : Unlabelled
-            The rows, internal units; with emissions each of them is one combination.
-        density : (m,)
-            Density of false values of each row.
-        """
-        d, m = measurement.dims, measurement.size
-        if scan.emission is not None:
-            members = _by_emission(scan, m)
-            if not len(members):
-                return Candidates.none(d, m), 0
-            return self._fitted(measurement, time, scan, density, members, None), 0
-        columns = _ranging(measurement, time, scan)
-        if len(columns) < d:
-            return Candidates.none(d, m), 0
-        seeds, left_out = _seeds(scan, columns, d, m, self.most)
-        places, members = _places(measurement, time, scan, seeds)
-        left_out += max(len(seeds) - SEARCHES, 0) if not len(places) else 0
-        members, places = _supported(measurement, time, scan, columns, places, members)
-        if not len(members):
-            return Candidates.none(d, m), left_out
-        found = self._fitted(measurement, time, scan, density, members, places)
-        return _unrivalled(found.part(found.log_odds >= UNLIKELY)), left_out
-
-    def _fitted(
-        self,
-        measurement: MeasurementModel,
-        time: float,
-        scan: Unlabelled,
-        density: Array,
-        members: Index,
-        places: Array | None,
-    ) -> Candidates:
-        """Fit each combination to all its values and judge it."""
-        d = measurement.dims
-        fix = _fix(measurement, time, scan, members, places)
-        loose = scan.emission is None
-        agrees = (fix.dof == 0) | (fix.chi2 <= chdtri(np.maximum(fix.dof, 1), 1 - CONTRADICTION))
-        good = fix.converged & agrees & np.isfinite(fix.position).all(axis=-1)
-        if fix.mirror is not None and not loose:
-            good &= _upright(fix.position, fix.mirror)
-        position, covariance = fix.position[good], fix.covariance[good][:, :d, :d]
-        members, chi2 = members[good], fix.chi2[good]
-        if not loose:
-            nothing = np.zeros(len(position))
-            return Candidates(position, covariance, members, nothing, nothing)
-        here = members >= 0
-        rest = np.zeros_like(position)
-        R = np.broadcast_to(
-            measurement.noise_covariance(position, rest, time),
-            (len(position), members.shape[1], members.shape[1]),
-        )
-        own = gaussian.mask_rows(np.zeros(here.shape), np.zeros((*here.shape, 1)), R, here)[2]
-        heard = np.isin(np.arange(members.shape[1]), scan.row)
-        hit = np.log(self.detection_probability) - np.log(density) - 0.5 * gaussian.LOG_2PI
-        miss = np.where(heard, np.log1p(-min(self.detection_probability, 0.999)), 0.0)
-        odds = np.sum(np.where(here, hit, miss), axis=-1) - 0.5 * chi2
-        odds += 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(own)[1])
-        odds += d * (0.5 * gaussian.LOG_2PI - np.log(extent(measurement, time)))
-        variance = np.einsum("fmm->m", R) / max(len(R), 1)
-        worth = merit(
-            chi2,
-            fix.dof[good].astype(float),
-            here,
-            np.broadcast_to(heard, here.shape),
-            variance,
-            density,
-            self.detection_probability,
-        )
-        return Candidates(position, covariance, members, odds, worth)
-
-
-def _upright(position: Array, mirror: Array) -> Mask:
-    """Which fixes (F,) have no rival, or only their mirror image below ground."""
-    alone: Mask = np.asarray(np.isnan(mirror).all(axis=-1))
-    if position.shape[-1] < 3:
-        return alone
-    apart = position - mirror
-    up = apart[:, 2] > 0.9 * np.linalg.norm(np.where(np.isnan(apart), 0.0, apart), axis=-1)
-    result: Mask = alone | (up & ~alone)
-    return result
-
-
-def extent(measurement: MeasurementModel, time: float) -> float:
-    """Width of the region in which emitters are expected, m."""
-    d = measurement.dims
-    s = measurement.anchors(time, np.ones(measurement.size, dtype=bool)).reshape(-1, d)
-    s = s[np.isfinite(s).all(axis=-1)]
-    spread = float(np.sqrt(np.mean(np.sum((s - s.mean(axis=0)) ** 2, axis=-1)))) if len(s) else 1.0
-    return REGION * max(spread, 1.0)
-
-
-def _by_emission(scan: Unlabelled, m: int) -> Index:
-    """Members (E, m) of the scan's emissions."""
-    there = np.flatnonzero(np.isfinite(scan.values))
-    names, which = np.unique(scan.emission[there], return_inverse=True)
-    members = np.full((len(names), m), -1, dtype=np.int64)
-    members[which, scan.row[there]] = there
-    return members
-
-
-def _ranging(measurement: MeasurementModel, time: float, scan: Unlabelled) -> Index:
+def ranging(measurement: MeasurementModel, time: float, scan: Unlabelled) -> Index:
     """Rows with values that say something of the position alone, no offset shared."""
     d, m = measurement.dims, measurement.size
     heard = np.unique(scan.row[np.isfinite(scan.values)])
@@ -211,7 +34,7 @@ def _ranging(measurement: MeasurementModel, time: float, scan: Unlabelled) -> In
     return heard[good[heard]]
 
 
-def _seeds(scan: Unlabelled, columns: Index, d: int, m: int, most: int) -> tuple[Index, int]:
+def seeds_of(scan: Unlabelled, columns: Index, d: int, m: int, most: int) -> tuple[Index, int]:
     """Combinations (B, m) of one value in each of d rows, and how many were left out."""
     own = [np.flatnonzero((scan.row == i) & np.isfinite(scan.values)) for i in columns]
     count = np.array([len(k) for k in own])
@@ -240,7 +63,7 @@ def own_values(measurement: MeasurementModel, scan: Unlabelled, members: Index) 
     return result
 
 
-def _places(
+def places_of(
     measurement: MeasurementModel, time: float, scan: Unlabelled, seeds: Index
 ) -> tuple[Array, Index]:
     """Places (P, d) that the seeds allow, and the seed (P, m) of each."""
@@ -259,7 +82,7 @@ def _places(
     return points[known], few[np.nonzero(known)[0]]
 
 
-def _supported(
+def supported(
     measurement: MeasurementModel,
     time: float,
     scan: Unlabelled,
@@ -277,12 +100,7 @@ def _supported(
     H = measurement.jacobian(places, rest, time)[0]
     R = np.broadcast_to(measurement.noise_covariance(places, rest, time), (*h.shape, h.shape[1]))
     seed = members >= 0
-    z = np.where(seed, scan.values[members], 0.0)
-    nu, Hs, Rs = gaussian.mask_rows(z - h, H, R, seed)
-    J = np.swapaxes(Hs, -1, -2) @ np.linalg.solve(Rs, Hs)
-    size = np.einsum("fii->fi", J)
-    J = J + 1e-9 * np.max(size, axis=-1)[:, None, None] * np.eye(d) + 1e-30 * np.eye(d)
-    C = np.linalg.inv(J)
+    nu, Rs, C = seed_spread(h, H, R, scan, members)
     variance = np.einsum("fmi,fij,fmj->fm", H, C, H) + np.einsum("fmm->fm", R)
     solved = np.all(np.abs(nu) <= GATE * np.sqrt(np.einsum("fmm->fm", Rs)), axis=-1)
     members = members.copy()
@@ -302,37 +120,17 @@ def _supported(
     return members[first], places[first]
 
 
-def _fix(
-    measurement: MeasurementModel,
-    time: float,
-    scan: Unlabelled,
-    members: Index,
-    places: Array | None,
-) -> Fix:
-    values = own_values(measurement, scan, members)[:, None]
-    return fix_scans(Scans(measurement, np.array([time]), values), initial=places)
+def seed_spread(
+    h: Array, H: Array, R: Array, scan: Unlabelled, members: Index
+) -> tuple[Array, Array, Array]:
+    """Innovations (F, m) of seeds, their noise (F, m, m), and how wide (F, d, d) places are.
 
-
-def _unrivalled(found: Candidates) -> Candidates:
-    """The candidates that no much likelier one shares values with, the likeliest first."""
-    found = found.part(np.argsort(-found.log_odds, kind="stable"))
-    kept: list[int] = []
-    for f in range(len(found.members)):
-        own = found.members[f]
-        rival = False
-        for k in kept:
-            shared = np.any((own == found.members[k]) & (own >= 0))
-            same = shared and np.all((own == found.members[k]) | (own < 0))
-            near = same and _same_place(found, f, k)
-            if (shared and found.log_odds[k] > found.log_odds[f] + SURE) or near:
-                rival = True
-                break
-        if not rival:
-            kept.append(f)
-    return found.part(np.array(kept, dtype=np.int64))
-
-
-def _same_place(found: Candidates, f: int, k: int) -> bool:
-    delta = found.position[f] - found.position[k]
-    C = found.covariance[f] + found.covariance[k]
-    return bool(delta @ np.linalg.solve(C, delta) < 9.0)
+    `h`, `H` and `R` are what the places predict; rows that are not of the seed count for nothing.
+    """
+    d, seed = H.shape[-1], members >= 0
+    z = np.where(seed, scan.values[members], 0.0)
+    nu, Hs, Rs = gaussian.mask_rows(z - h, H, R, seed)
+    J = np.swapaxes(Hs, -1, -2) @ np.linalg.solve(Rs, Hs)
+    size = np.einsum("fii->fi", J)
+    J = J + 1e-9 * np.max(size, axis=-1)[:, None, None] * np.eye(d) + 1e-30 * np.eye(d)
+    return nu, Rs, np.linalg.inv(J)

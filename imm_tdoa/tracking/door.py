@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from imm_tdoa.contract import Mask, MeasurementModel
+from imm_tdoa.contract import Array, Mask, MeasurementModel
 from imm_tdoa.recording.unlabelled import Scan
-from imm_tdoa.tracking.clutter import bounds
 from imm_tdoa.tracking.rows import Unlabelled
 from imm_tdoa.tracking.scene import Scene
 from imm_tdoa.tracking.settings import Settings
@@ -28,12 +27,14 @@ def refuse_foreign(measurement: MeasurementModel, scan: Scan) -> None:
 
 
 def at_the_door(
-    settings: Settings, scene: Scene, scan: Scan
+    settings: Settings, scene: Scene, scan: Scan, low: Array, high: Array
 ) -> tuple[Unlabelled, dict[str, int], float]:
-    """The usable rows, internal units (NaN the others), what was ignored, and the usual number."""
+    """The usable rows, internal units (NaN the others), what was ignored, and the usual number.
+
+    `low` and `high` (m,) bound what a row can be at all.
+    """
     measurement = settings.imm.measurement
     values = scan.values * measurement.scale[scan.row]
-    low, high = bounds(measurement, scan.time)
     there = np.isfinite(values)
     impossible = there & ~((values >= low[scan.row]) & (values <= high[scan.row]))
     twice = _repeated(scan) & there & ~impossible

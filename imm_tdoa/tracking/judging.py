@@ -8,7 +8,7 @@ import numpy as np
 from imm_tdoa.contract import AXES, Array, Index, Mask
 from imm_tdoa.state import State
 from imm_tdoa.tracking import batches, exclusive
-from imm_tdoa.tracking.lookback import Heard
+from imm_tdoa.tracking.memory import Heard
 from imm_tdoa.tracking.retold import Retold, retold
 from imm_tdoa.tracking.scene import Confirmed, Ended, Scene, counted
 from imm_tdoa.tracking.settings import Settings

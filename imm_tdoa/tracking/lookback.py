@@ -19,39 +19,12 @@ from imm_tdoa.state import State
 from imm_tdoa.statespace import KIND_OF
 from imm_tdoa.tracking import batches
 from imm_tdoa.tracking.alone import likeliest
+from imm_tdoa.tracking.memory import Heard
 from imm_tdoa.tracking.merit import merit, noise_variance
-from imm_tdoa.tracking.rows import Association, Prediction, Unlabelled
+from imm_tdoa.tracking.rows import Association, Prediction
 from imm_tdoa.tracking.targets import predict_rows
 
 REVERSED = {"velocity": -1.0, "turn_rate": -1.0}  # what changes its sign when time runs back
-
-
-@attrs.frozen(eq=False)
-class Heard:
-    """The rows of one scan that no settled track took, internal units.
-
-    Attributes
-    ----------
-    time : float
-        Time, s.
-    scan : int
-        Its number.
-    values, row : (K,)
-        As in `Unlabelled`.
-    density : (m,)
-        Density of false values then.
-    """
-
-    time: float
-    scan: int
-    values: Array
-    row: Index
-    density: Array
-
-    @property
-    def rows(self) -> Unlabelled:
-        """The rows."""
-        return Unlabelled(self.values, self.row)
 
 
 class Said(NamedTuple):

@@ -7,8 +7,10 @@ length, which eliminates the offset exactly; the likelihoods say who has which.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 
 from imm_tdoa.contract import AXES, Array, Index, Mask, MeasurementModel
@@ -85,18 +87,17 @@ def choose(
     if N == 0 or E == 0:
         return nothing
     z = np.where(group >= 0, scan.values[group] / measurement.scale, np.nan)
-    fit, nis, after = _tried(imm, measurement, state, z, gate_probability)
+    cost, nis, place, after = _tried(imm, measurement, state, z, gate_probability)
     if exclusive:
-        spare = np.where(fit < np.inf, fit, -np.inf).max(axis=0)
+        spare = np.where(cost < np.inf, cost, -np.inf).max(axis=0)
         price = np.where(np.isfinite(spare), spare + 1.0, 0.0)
-        choice = assign(fit - price)
+        choice = assign(cost - price)
     else:
-        choice = np.where(np.isfinite(fit.min(axis=1)), np.argmin(fit, axis=1), -1)
+        choice = np.where(np.isfinite(cost.min(axis=1)), np.argmin(cost, axis=1), -1)
     n = np.flatnonzero(choice >= 0)
-    if not len(n):
+    if not len(n) or after is None:
         return nothing
-    chosen = batches.join([batches.select(after[e], n[choice[n] == e]) for e in range(E)])
-    n = np.concatenate([n[choice[n] == e] for e in range(E)])
+    chosen = batches.select(after, place[n, choice[n]])
     members, gain = nothing.members, nothing.gain
     members[n] = group[choice[n]]
     gain[n] = _gain(batches.select(state, n), chosen, nis[n, choice[n]], log_region)
@@ -105,29 +106,52 @@ def choose(
 
 def _tried(
     imm: IMM, measurement: MeasurementModel, state: State, z: Array, gate_probability: float
-) -> tuple[Array, Array, list[State]]:
-    """Cost (N, E), infinite outside the gate; NIS less what its rows expect; states after each."""
+) -> tuple[Array, Array, Index, State | None]:
+    """What it costs (N, E) that a target has a message, infinite outside the gate.
+
+    With it the normalised innovation less what its rows expect (N, E), and the states after the
+    pairs within the gate as one batch, with each pair's place (N, E) in it.
+    """
     N, E = len(state.log_likelihood), len(z)
-    after: list[State] = []
-    step = max(BATCH // N, 1)
-    for first in range(0, E, step):
-        some = z[first : first + step]
-        every = batches.select(state, np.tile(np.arange(N), len(some)))
-        tried = imm.step(
-            every,
-            every.time,
-            np.repeat(some, N, axis=0),
-            measurement=measurement,
-            engine="numpy",
+    n, e = (i.ravel() for i in np.meshgrid(np.arange(N), np.arange(E), indexing="ij"))
+    if imm.update == "iekf" and imm.robust is None:
+        # iterating does not change the innovation, so nobody outside the gate need be iterated
+        once = attrs.evolve(imm, update="ekf")
+        near = np.concatenate(
+            [
+                _within(after, gate_probability)
+                for after in _steps(once, measurement, state, z, n, e)
+            ]
         )
-        tried = batches.whole(tried)
-        after += [batches.select(tried, slice(e * N, (e + 1) * N)) for e in range(len(some))]
-    nis = np.stack([a.taken.nis for a in after], axis=1)
-    dof = np.stack([a.taken.nis_dof for a in after], axis=1)
-    change = np.stack([a.log_likelihood - state.log_likelihood for a in after], axis=1)
-    rejected: Mask = ~(nis <= threshold(gate_probability, dof)) | (dof == 0)
-    spare = dof - state.space.dims
-    return np.where(rejected, np.inf, -2.0 * change), nis - np.maximum(spare, 0), after
+        n, e = n[near], e[near]
+    cost, nis = np.full((N, E), np.inf), np.zeros((N, E))
+    place = np.full((N, E), -1, dtype=np.int64)
+    if not len(n):
+        return cost, nis, place, None
+    after = batches.join(list(_steps(imm, measurement, state, z, n, e)))
+    change = after.log_likelihood - state.log_likelihood[n]
+    cost[n, e] = np.where(_within(after, gate_probability), -2.0 * change, np.inf)
+    nis[n, e] = after.taken.nis - np.maximum(after.taken.nis_dof - state.space.dims, 0)
+    place[n, e] = np.arange(len(n))
+    return cost, nis, place, after
+
+
+def _steps(
+    imm: IMM, measurement: MeasurementModel, state: State, z: Array, n: Index, e: Index
+) -> Iterator[State]:
+    """States after targets n (P,) took in messages e (P,), some at a time."""
+    for first in range(0, len(n), BATCH):
+        some = slice(first, first + BATCH)
+        every = batches.select(state, n[some])
+        tried = imm.step(every, every.time, z[e[some]], measurement=measurement, engine="numpy")
+        yield batches.whole(tried)
+
+
+def _within(after: State, gate_probability: float) -> Mask:
+    """Which of the pairs (P,) pass the gate."""
+    nis, dof = after.taken.nis, after.taken.nis_dof
+    passed: Mask = (nis <= threshold(gate_probability, dof)) & (dof > 0)
+    return passed
 
 
 def _gain(before: State, after: State, nis: Array, log_region: float) -> Array:

@@ -17,8 +17,10 @@ from imm_tdoa.imm import IMM
 from imm_tdoa.state import State
 from imm_tdoa.tracking import batches
 from imm_tdoa.tracking.alone import likeliest
-from imm_tdoa.tracking.combinations import extent, own_values
-from imm_tdoa.tracking.lookback import Heard, backwards, members_of, moved, turned
+from imm_tdoa.tracking.clutter import extent
+from imm_tdoa.tracking.combinations import own_values
+from imm_tdoa.tracking.lookback import backwards, members_of, moved, turned
+from imm_tdoa.tracking.memory import Heard
 from imm_tdoa.tracking.standing import MANY, UNKNOWN
 from imm_tdoa.tracking.targets import predict_rows
 
@@ -30,13 +32,16 @@ class Retold(NamedTuple):
     ----------
     gains : (N, K)
         Log-ratio that each scan gives each track, newest first.
+    members : (N, K, m)
+        Which value of each scan each had, oldest first; -1 none.
     values : (N, K m)
-        Which values each had, numbered as in `Standing`.
+        The same, numbered as in `Standing`.
     state : State
         What these say of the tracks now.
     """
 
     gains: Array
+    members: Index
     values: Index
     state: State
 
@@ -78,7 +83,7 @@ def retold(
         after = batches.put(after, better, batches.select(end, better))
     number = np.array([h.scan for h in heard])[:, None]
     values = np.where(best >= 0, best + number * MANY, -1)
-    return Retold(gains, values.reshape(len(best), -1), after)
+    return Retold(gains, best, values.reshape(len(best), -1), after)
 
 
 def _led_back(

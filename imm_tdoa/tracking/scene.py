@@ -12,8 +12,8 @@ from imm_tdoa.contract import Array, Index, Mask
 from imm_tdoa.imm import IMM
 from imm_tdoa.state import State
 from imm_tdoa.tracking import batches
-from imm_tdoa.tracking.births import Memory
 from imm_tdoa.tracking.clutter import Clutter
+from imm_tdoa.tracking.memory import Memory
 from imm_tdoa.tracking.standing import Standing
 
 
@@ -174,6 +174,8 @@ class Scene:
         Tracks on trial that were given up, by reason.
     ignored : mapping of str to int
         What was ignored, by reason.
+    given, refused : int
+        Values of all scans so far, and those of them that could not be used.
     """
 
     time: float
@@ -192,6 +194,8 @@ class Scene:
     endings: tuple[Ended, ...] = ()
     rejected: Mapping[str, int] = attrs.field(factory=dict)
     ignored: Mapping[str, int] = attrs.field(factory=dict)
+    given: int = 0
+    refused: int = 0
 
     @classmethod
     def empty(cls, imm: IMM) -> Scene:
@@ -211,6 +215,25 @@ class Scene:
             clutter=Clutter.none(m),
             usual=0.0,
         )
+
+    def refusing(self, rows: Mapping[str, int], given: int) -> Scene:
+        """Return it with `given` more values, of which some could not be used, by reason."""
+        return attrs.evolve(
+            self,
+            ignored=counted(self.ignored, rows),
+            given=self.given + given,
+            refused=self.refused + sum(rows.values()),
+        )
+
+    @property
+    def taken(self) -> int:
+        """Values that confirmed tracks took, each counted once."""
+        known = np.array([c.identity for c in self.confirmations], dtype=np.int64)
+        count = 0
+        for record in self.records:
+            own = record.members[np.isin(record.identity, known)]
+            count += len(np.unique(own[own >= 0]))
+        return count
 
     @property
     def numbers(self) -> dict[int, int]:

@@ -11,13 +11,14 @@ from imm_tdoa import _validate
 from imm_tdoa.contract import Array
 from imm_tdoa.imm import IMM
 from imm_tdoa.tracking.assignment import GlobalNearest
-from imm_tdoa.tracking.births import Initiation, PairedFixes
+from imm_tdoa.tracking.births import Initiation
 from imm_tdoa.tracking.confirmation import Confirmation, SequentialRatio
 from imm_tdoa.tracking.deletion import Deletion, Silence
 from imm_tdoa.tracking.duplicates import Duplicates, Merging
 from imm_tdoa.tracking.gates import gate_probability
 from imm_tdoa.tracking.jpda import Jpda
 from imm_tdoa.tracking.nearest import Nearest
+from imm_tdoa.tracking.pairing import PairedFixes
 from imm_tdoa.tracking.rows import Associator
 
 Named = Literal["jpda", "global", "nearest"]
@@ -67,6 +68,12 @@ class Settings:
     margin: float = attrs.field(default=6.0, kw_only=True)
 
     def __attrs_post_init__(self) -> None:
+        if self.imm.robust is not None:
+            raise ValueError(
+                f"imm: robust = {self.imm.robust!r} is for rows of which it is known whose they "
+                f"are: it makes another emitter's rows fit by leaving out what does not; without "
+                f"labels association leaves such rows to others (gate_probability)"
+            )
         number = _validate.positive("detection_probability", self.detection_probability)
         if not number < 1.0:
             raise ValueError(

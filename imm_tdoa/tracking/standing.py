@@ -12,7 +12,7 @@ from imm_tdoa.contract import Array, Index, Mask
 REMEMBERED = 60  # scans whose hits are kept, as bits
 WINDOW = 30  # scans over which rivals are compared
 RECENT = 5  # scans over which values shared with others are remembered
-TOLD = 12  # scans of which it is known which values a track had
+TOLD = 20  # scans of which it is known which values a track had
 UNKNOWN = -2  # in place of a value: nobody knows
 MANY = 1 << 32  # more values than any scan has
 

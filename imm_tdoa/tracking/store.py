@@ -20,9 +20,8 @@ from imm_tdoa.recording import _atomic
 from imm_tdoa.reopening import Trust
 from imm_tdoa.state import State, Taken
 from imm_tdoa.statespace import StateSpace
-from imm_tdoa.tracking.births import Memory
 from imm_tdoa.tracking.clutter import Clutter
-from imm_tdoa.tracking.lookback import Heard
+from imm_tdoa.tracking.memory import Heard, Memory
 from imm_tdoa.tracking.scene import Confirmed, Ended, Record, Scene
 from imm_tdoa.tracking.settings import Settings
 from imm_tdoa.tracking.standing import Standing

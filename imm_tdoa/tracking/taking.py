@@ -12,7 +12,7 @@ from imm_tdoa.contract import AXES, Array, Index, Mask
 from imm_tdoa.state import State
 from imm_tdoa.tracking import batches
 from imm_tdoa.tracking.alone import likeliest
-from imm_tdoa.tracking.combinations import extent
+from imm_tdoa.tracking.clutter import extent
 from imm_tdoa.tracking.merit import merit, noise_variance
 from imm_tdoa.tracking.messages import choose
 from imm_tdoa.tracking.rows import Association, Prediction, Unlabelled

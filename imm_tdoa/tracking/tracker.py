@@ -15,7 +15,7 @@ from imm_tdoa.recording.recording import Recording
 from imm_tdoa.recording.unlabelled import Scan, unlabelled
 from imm_tdoa.tracking import labelled, store
 from imm_tdoa.tracking.advance import advance
-from imm_tdoa.tracking.scene import Scene, counted
+from imm_tdoa.tracking.scene import Scene
 from imm_tdoa.tracking.settings import Settings
 from imm_tdoa.tracking.tracks import Life, Tracks
 
@@ -33,7 +33,10 @@ class Tracker:
     measurement : MeasurementModel, optional
         What is measured. Needed for `step`; `run` takes a recording's own.
     imm : mapping, optional
-        Options of `IMM`: ``update``, ``merging``, ``robust`` and its parameters.
+        Options of `IMM`: ``update``, ``merging``; for labelled recordings also ``robust`` and its
+        parameters. Without labels these are refused: a rule that leaves out what does not fit
+        would make the rows of other emitters fit. There a row that does not fit a track is left
+        to others.
     associator : "global", "jpda", "nearest" or Associator
         Who takes which rows among confirmed tracks. A name stands for `GlobalNearest`, `Jpda`
         with ``permutations="best"`` and the learnt clutter density, `Nearest`.
@@ -174,9 +177,7 @@ class Tracker:
             scans = list(found.scans)
             if self._settings is None:
                 self._measure(found.measurement)
-            self._scene = attrs.evolve(
-                self.scene, ignored=counted(self.scene.ignored, found.ignored)
-            )
+            self._scene = self.scene.refusing(found.ignored, sum(found.ignored.values()))
         else:
             scans = list(recording)
         for k, scan in enumerate(scans):

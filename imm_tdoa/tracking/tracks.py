@@ -76,6 +76,10 @@ class Tracks(Mapping[str, Track]):
         Labelled targets that could not be tracked, and why.
     on_trial : int
         Tracks on trial now.
+    rows : mapping of str to int
+        What became of the values, each counted once: of those ``given``, confirmed tracks have
+        ``taken`` some, some were ``ignored`` as they could not be used, and the rest is ``left``,
+        nobody's as far as is known. Empty for labelled recordings.
     """
 
     time: float
@@ -84,6 +88,7 @@ class Tracks(Mapping[str, Track]):
     rejected: Mapping[str, int]
     failed: Mapping[str, str]
     on_trial: int
+    rows: Mapping[str, int] = attrs.field(factory=dict)
     _scene: Scene | None = attrs.field(default=None, repr=False)
     _bank: Bank | None = attrs.field(default=None, repr=False)
     _given: Mapping[str, Track] = attrs.field(factory=dict, repr=False)
@@ -99,6 +104,7 @@ class Tracks(Mapping[str, Track]):
             rejected=dict(scene.rejected),
             failed={},
             on_trial=int(np.count_nonzero(~scene.confirmed)),
+            rows=_Rows(scene),
             scene=scene,
             bank=bank,
             update=update,
@@ -243,6 +249,30 @@ class _Lives(Mapping[str, Life]):
 
     def __len__(self) -> int:
         return len(self._scene.confirmations)
+
+
+class _Rows(Mapping[str, int]):
+    """What became of a scene's values, counted when asked for."""
+
+    NAMES = ("given", "taken", "ignored", "left")
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+
+    @cached_property
+    def _counts(self) -> dict[str, int]:
+        given, taken, ignored = self._scene.given, self._scene.taken, self._scene.refused
+        left = given - taken - ignored
+        return dict(zip(self.NAMES, (given, taken, ignored, left), strict=True))
+
+    def __getitem__(self, name: str) -> int:
+        return self._counts[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.NAMES)
+
+    def __len__(self) -> int:
+        return len(self.NAMES)
 
 
 def _lives(scene: Scene) -> dict[str, Life]:

@@ -238,7 +238,7 @@ def test_a_lone_target_has_the_name_of_the_truth() -> None:
 
 def test_unlabelled_rows_of_several_emitters_are_refused() -> None:
     arrivals = toa((1.0, "m", "a", 0.1), (2.0, "n", "a", 0.1))
-    what = "labelled: false, and the rows are of 2 emitters: unlabelled recordings need an assoc"
+    what = "labelled: false, and the rows are of 2 emitters: imm-tdoa track .* finds out"
     for recording in (
         made(toa=arrivals, truth=truth("car", "bus"), labelled=False),
         made(
@@ -251,7 +251,19 @@ def test_unlabelled_rows_of_several_emitters_are_refused() -> None:
             recording.scans()
     with pytest.raises(ValueError, match="nobody knows how many emitters"):
         made(toa=arrivals, labelled=False).scans()
-    assert made(toa=arrivals, labelled=False, truth=truth("car")).scans("car").count == 2
+
+
+def test_unlabelled_rows_that_may_be_false_alarms_are_refused() -> None:
+    """Of one true target, in a table without names; where all rows name it they are its own."""
+    nameless = toa((1.0, "m", "a", 0.1), (2.0, "n", "a", 0.1))
+    named = toa((1.0, "m", "a", 0.1, "car"), (2.0, "n", "a", 0.1, "car"), more="target")
+    differences = tdoa((3.0, "b", "a", 0.1))
+    for tables in ({"toa": nameless}, {"toa": named, "tdoa": differences}):
+        recording = made(labelled=False, truth=truth("car"), **tables)
+        with pytest.raises(ValueError, match="may be of one emitter and false alarms: imm-tdoa"):
+            recording.scans()
+    for true in (truth("car"), None):
+        assert made(toa=named, labelled=False, truth=true).scans().count == 2
 
 
 def test_unlabelled_emitters_may_share_a_pair_and_a_time() -> None:

@@ -169,3 +169,6 @@ def test_wrong_arguments_are_named(four):
         Tracker(BANK, MEASUREMENT).step(type(four[0])(0.0, [1e-6], [6]))
     with pytest.raises(ValueError, match="detection_probability"):
         Tracker(BANK, MEASUREMENT, detection_probability=1.0)
+    for robust in ("gate", "student-t"):  # they would make the rows of other emitters fit
+        with pytest.raises(ValueError, match=f"imm: robust = '{robust}' is for rows of which it"):
+            Tracker(BANK, MEASUREMENT, imm={"robust": robust})

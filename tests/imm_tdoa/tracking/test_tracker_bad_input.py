@@ -17,18 +17,30 @@ def track(change, scans=16, **options):
     """Run two targets; `change` (k, scan) is what becomes of the scan from `BAD` on."""
     rng = np.random.default_rng(3)
     tracker = Tracker(BANK, MEASUREMENT)
-    before = None
+    before, given = None, 0
     for k in range(scans):
         s = scan(rng, k, slice(0, 2), **options)
         for one in change(k, s, rng) if k >= BAD else [s]:
             tracks = tracker.step(one)
+            given += int(np.isfinite(one.values).sum())
         if k == BAD - 1:
             before = tracks
             assert len(before.living) == 2
     for name in before:  # nothing of what was known is lost or changed
         known = len(before[name].times)
         assert_array_equal(tracks[name].mean[:known], before[name].mean)
+    accounted_for(tracks, given)
     return tracks
+
+
+def accounted_for(tracks, given):
+    """Every value given is taken, ignored or left; `taken` is counted track by track."""
+    rows = tracks.rows
+    own = {pair for name in tracks for pair in zip(*map(tuple, tracks.taken(name)), strict=True)}
+    assert rows["given"] == given
+    assert rows["taken"] == len(own)
+    assert rows["ignored"] == sum(tracks.ignored.values())  # nothing but rows is ignored here
+    assert rows["left"] == given - rows["taken"] - rows["ignored"] >= 0
 
 
 def both_followed(tracks, k=15):
@@ -127,4 +139,5 @@ def test_noise_alone_confirms_nobody(seed):
         tracks = tracker.step(scan(rng, k, slice(0, 0), false=4))
     assert len(tracks) == 0
     assert tracks.position.shape == (0, 2)
+    assert tracks.rows["left"] == tracks.rows["given"] > 0
     assert tracks.time == STEP * 9

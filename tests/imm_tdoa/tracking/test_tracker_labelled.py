@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from tracker_cases import BANK, MEASUREMENT, PLACES, SPEEDS
 
@@ -112,6 +113,18 @@ def test_pairs_that_close_a_loop_are_left_out_and_counted():
     found = unlabelled(without_labels(recorded({"a": clock}, extra=extra)))
     assert found.measurement.size == 6
     assert found.ignored == {"tdoa: pair that only repeats others": 3}
+    rows = Tracker(BANK).run(without_labels(recorded({"a": clock}, extra=extra))).rows
+    assert (rows["given"], rows["ignored"]) == (4 * 6 + 3, 3)
+
+
+def test_rules_against_gross_errors_are_for_rows_whose_emitter_is_known():
+    clock = 2.0 * np.arange(8)
+    data = recorded({"a": clock, "b": clock})
+    tracks = Tracker(BANK, imm={"robust": "gate"}).run(data)
+    measurement, times, values, _ = data.scans("b")
+    assert_allclose(tracks["b"].mean, IMM(BANK, measurement, robust="gate").run(times, values).mean)
+    with pytest.raises(ValueError, match="robust = 'gate' is for rows of which it is known"):
+        Tracker(BANK, imm={"robust": "gate"}).run(without_labels(data))
 
 
 def test_progress_counts_targets():

@@ -26,8 +26,8 @@ from imm_tdoa.tracking import (
 )
 from imm_tdoa.tracking.alone import likeliest
 from imm_tdoa.tracking.batches import whole
+from imm_tdoa.tracking.candidates import Combining
 from imm_tdoa.tracking.clutter import Clutter, bounds
-from imm_tdoa.tracking.combinations import Combining
 from imm_tdoa.tracking.exclusive import contest, shared
 from imm_tdoa.tracking.standing import WINDOW
 

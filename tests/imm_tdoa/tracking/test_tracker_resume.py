@@ -21,6 +21,7 @@ def same(a, b):
     assert dict(a.lives) == dict(b.lives)
     assert a.ignored == b.ignored
     assert a.rejected == b.rejected
+    assert dict(a.rows) == dict(b.rows)
     assert a.on_trial == b.on_trial
     for name in a:
         for field in ("times", "mean", "covariance", "log_likelihood", "nis", "row_weight"):

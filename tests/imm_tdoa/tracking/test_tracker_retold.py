@@ -8,8 +8,8 @@ from tracker_cases import MEASUREMENT, PLACES, SPEEDS, STEP
 
 from imm_tdoa import IMM, Bank
 from imm_tdoa.models import ConstantVelocity
-from imm_tdoa.tracking.combinations import extent
-from imm_tdoa.tracking.lookback import Heard
+from imm_tdoa.tracking.clutter import extent
+from imm_tdoa.tracking.memory import Heard
 from imm_tdoa.tracking.retold import retold
 from imm_tdoa.tracking.standing import MANY
 
