@@ -7,13 +7,16 @@ one that does not is computed by its own `predict` and `jacobian`, with the same
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import attrs
 import numpy as np
 
 from imm_tdoa.contract import Index
-from imm_tdoa.frames import EastNorthUp
 from imm_tdoa.stations import Stations
+
+if TYPE_CHECKING:
+    from imm_tdoa.frames import EastNorthUp
 
 RANGE, RANGE_RATE, AXIS, HEIGHT = 0, 1, 2, 3
 

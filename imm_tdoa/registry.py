@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import difflib
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 GROUP = "imm_tdoa.models"
 
 
 @cache
 def _entries() -> dict[str, EntryPoint]:
+    from importlib.metadata import entry_points
+
     entries: dict[str, EntryPoint] = {}
     for entry in entry_points(group=GROUP):
         known = entries.setdefault(entry.name, entry)
