@@ -6,7 +6,7 @@
 >>> tracks = Tracker(bankfile.load("aircraft")).run(recording.read("folder"))
 >>> for name, life in tracks.lives.items():
 ...     print(name, life.confirmed, life.heard, life.gaps, life.reason)
->>> tracks.ignored, tracks.rejected  # what could not be used, and why
+>>> tracks.rows, tracks.ignored, tracks.rejected  # what became of the rows; what was not used
 >>> recording.write_track("tracks.csv", tracks)
 >>> plot.track(tracks, recording)
 

@@ -34,11 +34,18 @@ def ranging(measurement: MeasurementModel, time: float, scan: Unlabelled) -> Ind
     return heard[good[heard]]
 
 
-def seeds_of(scan: Unlabelled, columns: Index, d: int, m: int, most: int) -> tuple[Index, int]:
-    """Combinations (B, m) of one value in each of d rows, and how many were left out."""
+def seeds_of(
+    scan: Unlabelled, columns: Index, d: int, m: int, most: int, among: int | None = None
+) -> tuple[Index, int]:
+    """Combinations (B, m) of one value in each of d rows, and how many were left out.
+
+    With `among` only of rows among which this one is.
+    """
     own = [np.flatnonzero((scan.row == i) & np.isfinite(scan.values)) for i in columns]
     count = np.array([len(k) for k in own])
-    chosen = sorted(combinations(range(len(columns)), d), key=lambda c: np.prod(count[list(c)]))
+    some = combinations(range(len(columns)), d)
+    chosen = [c for c in some if among is None or among in columns[list(c)]]
+    chosen.sort(key=lambda c: np.prod(count[list(c)]))
     seeds, total, left_out = [], 0, 0
     for rows in chosen:
         size = int(np.prod(count[list(rows)]))

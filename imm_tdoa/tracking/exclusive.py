@@ -72,6 +72,24 @@ def contest(values: Index, gains: Array) -> Contest:
     return Contest(chosen, behind, group.astype(np.int64))
 
 
+def contest_of_stories(values: Index, gains: Array, prefer: Array) -> Contest:
+    """As `contest`, where tracks that explain the very same values count once.
+
+    Of such tracks the one to `prefer` (N,) most stands for all; the others are not in the best
+    explanation, and not behind it.
+    """
+    order = np.argsort(-prefer, kind="stable")
+    _, first, story = np.unique(values[order], axis=0, return_index=True, return_inverse=True)
+    one = order[first]
+    best = contest(values[one], gains[one])
+    of = np.empty(len(values), dtype=np.int64)
+    of[order] = story.reshape(-1)
+    stands = np.zeros(len(values), dtype=bool)
+    stands[one] = True
+    chosen = best.chosen[of]
+    return Contest(chosen & stands, np.where(chosen, 0.0, best.behind[of]), best.group[of])
+
+
 def _lead(gains: Array, these: Mask, those: Mask) -> float:
     """How much more `these` tracks explained than `those`, while all of them were there."""
     common = np.isfinite(gains[these | those]).all(axis=0)

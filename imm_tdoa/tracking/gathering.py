@@ -12,13 +12,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 
+from imm_tdoa import gaussian
 from imm_tdoa.contract import Array, Index, MeasurementModel
 from imm_tdoa.imm import IMM
 from imm_tdoa.state import State
 from imm_tdoa.tracking import batches
 from imm_tdoa.tracking.births import unknown
+from imm_tdoa.tracking.clutter import extent
 from imm_tdoa.tracking.combinations import GATE, places_of, ranging, seed_spread, seeds_of
 from imm_tdoa.tracking.exclusive import shared
 from imm_tdoa.tracking.memory import Heard
@@ -26,7 +29,7 @@ from imm_tdoa.tracking.retold import Retold, retold
 from imm_tdoa.tracking.rows import Unlabelled
 from imm_tdoa.tracking.standing import TOLD, UNKNOWN, WINDOW
 
-STORIES = 60  # places told of in one scan, those that most values agree with
+STORIES = 60  # places told of in one scan, those that can be likeliest
 CREDIBLE = 0.0  # log-odds of the rows being one emitter's, under which nothing begins
 SURE = 5.0  # a story that much likelier than another that shares values with it displaces it
 
@@ -95,17 +98,18 @@ def gathered(
     columns = ranging(measurement, now.time, pool)
     if not np.isfinite(now.values).any() or len(columns) < d:
         return nothing
-    seeds, left_out = seeds_of(pool, columns, d, m, most)
-    newest = len(pool.values) - len(now.values)
-    seeds = seeds[(seeds >= newest).any(axis=-1)]
+    seeds, left_out = _seeds(measurement, pool, now, columns, most)
     nothing = nothing._replace(left_out=left_out)
     places, seeds = places_of(measurement, now.time, pool, seeds)
     if not len(places):
         return nothing
-    price = np.log(len(places))
-    places, wide, seeds = _agreed(measurement, heard, pool, places, seeds, speed)
-    if not len(places):
+    price = float(np.log(len(places)))
+    wide, bound = _agreed(measurement, heard, pool, places, seeds, speed, detection_probability)
+    order = np.argsort(-bound, kind="stable")[:STORIES]
+    order = order[bound[order] - price >= CREDIBLE]
+    if not len(order):
         return nothing
+    places, wide, seeds = places[order], wide[order], seeds[order]
     state = batches.whole(imm.start(np.full(len(places), now.time), places, wide))
     story = retold(imm, state, heard, _by_scan(heard, seeds), detection_probability)
     ratio = story.gains.sum(axis=1) - price
@@ -136,6 +140,21 @@ def _pooled(heard: Sequence[Heard]) -> Unlabelled:
     )
 
 
+def _seeds(
+    measurement: MeasurementModel, pool: Unlabelled, now: Heard, columns: Index, most: int
+) -> tuple[Index, int]:
+    """Combinations (B, m) with a value of the present scan, and how many were left out."""
+    d, m = measurement.dims, measurement.size
+    older = np.arange(len(pool.values)) < len(pool.values) - len(now.values)
+    parts, left_out = [np.zeros((0, m), dtype=np.int64)], 0
+    for i in np.intersect1d(now.row[np.isfinite(now.values)], columns).tolist():
+        values = np.where(older & (pool.row == i), np.nan, pool.values)
+        some, over = seeds_of(attrs.evolve(pool, values=values), columns, d, m, most, among=i)
+        parts.append(some)
+        left_out += over
+    return np.unique(np.concatenate(parts), axis=0), left_out
+
+
 def _agreed(
     measurement: MeasurementModel,
     heard: Sequence[Heard],
@@ -143,8 +162,13 @@ def _agreed(
     places: Array,
     seeds: Index,
     speed: Array,
-) -> tuple[Array, Array, Index]:
-    """Places that more values agree with than it takes, how wide they are, and their seeds."""
+    P_D: float,
+) -> tuple[Array, Array]:
+    """How wide (P, d, d) places are, and how likely (P,) they can be at best, as log-odds.
+
+    At best: every value that agrees with the place, the emitter moving, does so exactly. Minus
+    infinity where no more values agree than it takes.
+    """
     now, d = heard[-1].time, measurement.dims
     rest = np.zeros_like(places)
     far = (speed * (now - heard[0].time)) ** 2 * np.eye(d)
@@ -153,17 +177,21 @@ def _agreed(
     R = np.broadcast_to(measurement.noise_covariance(places, rest, now), (*h.shape, h.shape[1]))
     moved = R + H @ far @ np.swapaxes(H, -1, -2) * np.eye(h.shape[1])
     C = seed_spread(h, H, moved, pool, seeds)[2]
-    count = np.zeros(len(places))
+    count, bound = np.zeros(len(places)), 0.5 * np.linalg.slogdet(C)[1]
+    bound += d * (0.5 * gaussian.LOG_2PI - np.log(extent(measurement, now)))
     for one in heard:
         h = measurement.predict(places, rest, one.time)
         H = measurement.jacobian(places, rest, one.time)[0]
         R = measurement.noise_covariance(places, rest, one.time)
-        S = np.einsum("fmi,fij,fmj->fm", H, C + far, H) + np.einsum("...mm->...m", R)
-        away = np.abs(one.values - h[:, one.row])
-        count += np.any(away <= GATE * np.sqrt(S[:, one.row]), axis=-1)
-    order = np.argsort(-count, kind="stable")[:STORIES]
-    order = order[count[order] > d]
-    return places[order], (C + far)[order], seeds[order]
+        variance = np.broadcast_to(np.einsum("...mm->...m", R), h.shape)
+        S = np.einsum("fmi,fij,fmj->fm", H, C + far, H) + variance
+        near = np.abs(one.values - h[:, one.row]) <= GATE * np.sqrt(S[:, one.row])
+        hit = np.log(P_D / one.density) - 0.5 * (gaussian.LOG_2PI + np.log(variance))
+        for i in np.unique(one.row):
+            agree = near[:, one.row == i].any(axis=-1)
+            count += agree
+            bound += np.where(agree, hit[:, i], np.log1p(-min(P_D, 0.999)))
+    return C + far, np.where(count > d, bound, -np.inf)
 
 
 def _by_scan(heard: Sequence[Heard], seeds: Index) -> Index:

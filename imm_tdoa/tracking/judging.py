@@ -73,8 +73,12 @@ def _contested(
     displaced, better = _displaced(settings, standing, young)
     end[on[displaced]] = "displaced by tracks that explain its rows better"
     told = _told(settings, scene, now, on)
-    gains, values = (standing.gains, standing.values) if told is None else (told.gains, told.values)
-    result = exclusive.contest(values, gains)
+    if told is None:
+        gains, values = standing.gains, standing.values
+        result = exclusive.contest(values, gains)
+    else:
+        gains, values = told.gains, told.values
+        result = exclusive.contest_of_stories(values, gains, _merit(scene, standing, young))
     oldest = np.zeros(result.group.max() + 1, dtype=np.int64)
     np.maximum.at(oldest, result.group, standing.age)
     ripe = (standing.redundant >= REDUNDANT) | (oldest[result.group] >= settings.patience)
@@ -92,6 +96,12 @@ def _contested(
         return scene
     better_known = batches.put(scene.state, on[fresh], batches.select(told.state, fresh))
     return attrs.evolve(scene, state=better_known)
+
+
+def _merit(scene: Scene, standing: Standing, young: Mask) -> Array:
+    """Who is to stand (n,) for tracks of one story: confirmed, heard now, likeliest by itself."""
+    known = 1e9 * young + 1e6 * (standing.heard == scene.time)
+    return np.asarray(known + np.clip(standing.log_ratio, -1e5, 1e5))
 
 
 def _told(settings: Settings, scene: Scene, now: Heard, on: Index) -> Retold | None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 
 from imm_tdoa.contract import AXES, Array, Index
@@ -109,6 +110,9 @@ def _forward(
     imm: IMM, first: State, heard: Sequence[Heard], members: Index, P_D: float
 ) -> tuple[Array, State]:
     """Log-ratios (N, K), newest first, of values that tracks had, and the states after them."""
+    if imm.update == "ekf":
+        # with so vague a prior one linearisation costs more nats than rivals are apart
+        imm = attrs.evolve(imm, update="iekf")
     measurement, d, N = imm.measurement, imm.measurement.dims, len(members)
     i = np.array([first.components.index(a) for a in AXES[:d]])
     vague = np.broadcast_to(extent(measurement, heard[0].time) ** 2 * np.eye(d), (N, d, d))

@@ -28,7 +28,7 @@ from imm_tdoa.tracking.alone import likeliest
 from imm_tdoa.tracking.batches import whole
 from imm_tdoa.tracking.candidates import Combining
 from imm_tdoa.tracking.clutter import Clutter, bounds
-from imm_tdoa.tracking.exclusive import contest, shared
+from imm_tdoa.tracking.exclusive import contest, contest_of_stories, shared
 from imm_tdoa.tracking.standing import WINDOW
 
 
@@ -253,3 +253,18 @@ def test_duplicates_merge_into_the_confirmed_and_twins_that_are_both_heard_stay(
     silent = standing(hits=[32, 63, 63], chances=[6, 6, 6], gains=known)
     assert_array_equal(merge(state, silent, both, np.arange(3)), [1, -1, -1])
     assert_array_equal(merge(state, silent, first, np.arange(3)), [-1, -1, -1])
+
+
+def test_tracks_of_one_story_count_once():
+    """Three tracks, two of them with the same values: who is to be preferred stands for both."""
+    values = np.array([[0, 1, 2], [0, 1, 2], [1, 2, 3]])
+    gains = np.full((3, WINDOW), np.nan)
+    gains[:, :4] = [[5.0] * 4, [5.0] * 4, [4.0] * 4]
+    result = contest_of_stories(values, gains, prefer=np.array([1.0, 2.0, 3.0]))
+    assert_array_equal(result.chosen, [False, True, False])
+    assert_allclose(result.behind, [0.0, 0.0, 4.0])
+    assert len(set(result.group.tolist())) == 1
+    gains[2, :4] = 6.0
+    result = contest_of_stories(values, gains, prefer=np.array([1.0, 2.0, 3.0]))
+    assert_array_equal(result.chosen, [False, False, True])
+    assert_allclose(result.behind, [4.0, 4.0, 0.0])

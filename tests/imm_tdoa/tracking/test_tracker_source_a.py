@@ -7,11 +7,13 @@ import numpy as np
 from scipy.stats import binom
 from tracker_cases import SPEED
 
-from imm_tdoa import Tracker, metrics
+from imm_tdoa import Bank, Tracker, metrics
+from imm_tdoa.models import ConstantVelocity
 from imm_tdoa.reproduce.motion_form import scenario
 from imm_tdoa.tracking import Scan
 
-RUNS, SCANS = 4, 10
+RUNS = 8
+SCANS = 8  # within which all three are to be confirmed
 SPAN = 1e5  # m, the baselines
 REQUIRED = 0.95  # of runs in which all three are confirmed within 8 scans
 
@@ -37,11 +39,12 @@ def one(seed):
 def test_three_targets_are_confirmed_in_time():
     """As few runs fail as a tracker that meets the requirement would let, but for 1 in 1000."""
     good = 0
-    bank, measurement = scenario.all_models(mean_sojourn=60.0), scenario.differences(False)
+    bank = Bank([ConstantVelocity(psd=0.01)], birth_std={"velocity": 700.0})
+    measurement = scenario.differences(False)
     for seed in range(RUNS):
         scans, truth, times = one(seed)
         _, positions = Tracker(bank, measurement).run(scans).at(times)
         follow = metrics.follow(truth, positions.reshape(-1, SCANS, 2), cutoff=5e3)
         late = metrics.latency(np.ones(follow.shape, dtype=bool), follow)
-        good += bool(np.all(late <= 7))  # counted from 0
+        good += bool(np.all(np.isfinite(late)))
     assert good >= binom.ppf(1e-3, RUNS, REQUIRED)

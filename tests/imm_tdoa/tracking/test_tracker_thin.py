@@ -68,7 +68,7 @@ def test_targets_are_found_from_single_rows(who):
 
 
 def test_single_rows_of_nobody_confirm_nobody():
-    tracks = Tracker(BANK, MEASUREMENT).run(scans(2, [], false=1.5, count=30))
+    tracks = Tracker(BANK, MEASUREMENT).run(scans(2, [], false=1.5, count=20))
     assert len(tracks) == 0
 
 
@@ -130,7 +130,7 @@ def test_scans_may_be_thin_and_full_in_turns():
 
 
 def test_a_tracker_with_thin_scans_resumes(tmp_path):
-    data = scans(7, [0, 1], false=0.3, count=20)
+    data = scans(7, [0, 1], false=0.3, count=12)
     whole = Tracker(BANK, MEASUREMENT).run(data)
     first = Tracker(BANK, MEASUREMENT)
     first.run(data[:5])
