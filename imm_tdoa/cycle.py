@@ -163,9 +163,11 @@ class Cycle:
             predicted, [u.x for u in updates], [u.P for u in updates], log_c + log_l
         )
         log_p, log_L = mixture.normalise(log_joint)
-        if not np.all(np.isfinite(log_L)):
+        unexplained = ~np.isfinite(log_L)
+        if np.any(unexplained):
+            when = np.broadcast_to(state.time, unexplained.shape)[unexplained][0]
             raise ValueError(
-                f"values: at time {np.max(state.time):g} s no mode can explain the measurement "
+                f"values: at time {when:g} s no mode can explain the measurement "
                 f"(its likelihood is zero or not a number in every mode)"
             )
         nu, S = observation.mixture_innovation(seen, weight, P)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Engine = Literal["auto", "numpy", "compiled"]
 ENGINES: tuple[str, ...] = get_args(Engine)
 WORTH_LOADING = 1.0  # s of NumPy's time from which the kernel is loaded from disk
-WORTH_COMPILING = 20.0  # s of NumPy's time from which it is compiled
+WORTH_COMPILING = 10.0  # s of NumPy's time from which it is compiled
 A_MODE = 0.4e-3  # s that NumPy takes per mode and scan, whatever the number of targets
 A_TARGET = 5e-6  # s that it takes for each target in addition
 SLOWER = {None: 1.0, "gate": 2.0, "student-t": 8.0}

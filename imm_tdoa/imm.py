@@ -250,8 +250,8 @@ class IMM:
     def compile(self) -> IMM:
         """Make the compiled engine ready for a stream of steps; return this IMM.
 
-        The first process that does so waits for the compiler, up to about a quarter of a minute;
-        later ones load its work from disk within a second.
+        The first process that does so waits for the compiler, some ten seconds; later ones load
+        its work from disk within a second.
 
         Raises
         ------

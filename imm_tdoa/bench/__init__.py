@@ -7,22 +7,22 @@ differences in 2-D, one thread; shares of the time inside the kernel, about):
 ========================================  =============  ==========  =====
 what                                      keep="final"   keep="all"  gate
 ========================================  =============  ==========  =====
-exponentials and logarithms (libm)        18 %           30 %        17 %
-counting references to arrays (atomic)    8 %            4 %         42 %
-gain and covariance update                20 %           9 %         3 %
-mixing                                    10 %           5 %         1 %
-prediction                                10 %           5 %         2 %
-innovations: ranges, S, its factor        16 %           10 %        3 %
-gathering and storing scans and records   13 %           19 %        4 %
-fresh memory handed out by the system     1 %            14 %        0 %
-robust: judging sources, lane by lane     -              -           26 %
+innovations: ranges, S, its factor        31 %           19 %        6 %
+gain and covariance update                24 %           10 %        2 %
+prediction                                14 %           9 %         1 %
+mixing                                    13 %           7 %         1 %
+gathering and storing scans and records   11 %           21 %        3 %
+exponentials and logarithms               6 %            4 %         16 %
+fresh memory handed out by the system     1 %            30 %        -
+robust: judging sources, lane by lane     -              -           45 %
+allocating, counting references           -              -           26 %
 ========================================  =============  ==========  =====
 
-So it is bound by arithmetic, not by memory, and only half of that is linear algebra: LLVM has no
-vector form of exp and log here and calls the scalar one for each lane. With ``keep="all"`` the
-records dominate what is left: 85 numbers a target and scan, written once to memory that the
-system must clear first. What is judged against gross errors goes lane by lane and is paid with
-calls that count references.
+So it is bound by arithmetic, not by memory: short loops over few rows and components, whose sums
+wait for each other, and the roots and divisions of the geometry. With ``keep="all"`` the records
+dominate what is left: 85 numbers a target and scan, written once to memory that the system must
+clear first, which is why a second thread gains little there. What is judged against gross errors
+goes lane by lane, in small arrays that are made anew for each.
 """
 
 from __future__ import annotations

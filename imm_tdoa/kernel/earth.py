@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from imm_tdoa.contract import Array
-from imm_tdoa.kernel.vectors import compiled
+from imm_tdoa.kernel.compiling import compiled
 
 A = 6378137.0  # WGS84 semi-major axis, m
 B = 6356752.31424517929  # semi-minor axis, m
@@ -28,11 +28,10 @@ def height(frame: Array, e: float, n: float, u: float) -> tuple[float, float, fl
     phi = math.atan2(Z, rho * (1.0 - E2))
     for _ in range(4):  # Bowring 1976, to rounding from anywhere near the ellipsoid
         beta = math.atan2(B * math.sin(phi), A * math.cos(phi))
-        phi = math.atan2(
-            Z + E2 * A**2 / B * math.sin(beta) ** 3, rho - E2 * A * math.cos(beta) ** 3
-        )
+        s, c = math.sin(beta), math.cos(beta)
+        phi = math.atan2(Z + E2 * A / B * A * (s * s * s), rho - E2 * A * (c * c * c))
     s, c = math.sin(phi), math.cos(phi)
-    h = rho * c + Z * s - A * math.sqrt(1.0 - E2 * s**2)
+    h = rho * c + Z * s - A * math.sqrt(1.0 - E2 * s * s)
     cos_lon = X / rho if rho > 0.0 else 1.0
     sin_lon = Y / rho if rho > 0.0 else 0.0
     nx, ny = c * cos_lon, c * sin_lon

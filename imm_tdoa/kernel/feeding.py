@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
-from scipy.special import chdtri, digamma, gammaln
+import scipy
 
 from imm_tdoa.contract import Array, Index, MeasurementModel
 from imm_tdoa.kernel.layout import Feed, Robust
@@ -181,14 +181,16 @@ def robust(
     still = np.zeros(measurement.dims)
     D, variance = measurement.error_sources(still, still, noisy(times, values))
     a, a0 = 0.5 * (imm.degrees_of_freedom + 1.0), 0.5 * imm.degrees_of_freedom
-    constant = (a - a0) * digamma(a) - gammaln(a) + gammaln(a0)
+    constant = (
+        (a - a0) * scipy.special.digamma(a) - scipy.special.gammaln(a) + scipy.special.gammaln(a0)
+    )
     B = max(len(times), len(trust))
     return Robust(
         gates=imm.robust == "gate",
-        threshold=float(chdtri(1.0, 1.0 - imm.gate_probability)),
+        threshold=float(scipy.special.chdtri(1.0, 1.0 - imm.gate_probability)),
         degrees_of_freedom=float(imm.degrees_of_freedom),
         constant=float(constant),
-        digamma=float(digamma(a)),
+        digamma=float(scipy.special.digamma(a)),
         patience=imm.reopen_after,
         time=plain(np.asarray(times, dtype=float)),
         directions=spread(np.asarray(D, dtype=float), 2, B),
@@ -266,8 +268,15 @@ def taken(plan: Plan, whole: Array) -> Taken:
         mode_log_likelihood=whole[..., at.mode_log_likelihood : at.mode_nis],
         mode_nis=whole[..., at.mode_nis : at.row_weight],
         row_weight=whole[..., at.row_weight : at.lost],
-        reopened=whole[..., at.reopened] > 0.0,
+        reopened=flag(plan, whole, at.reopened),
     )
+
+
+def flag(plan: Plan, whole: Array, number: int) -> Any:
+    """Whether a number of the records is set, of those that only a robust filter ever sets."""
+    if plan.imm.robust is None:  # looking would fetch all records from memory once more
+        return np.zeros(whole.shape[:-1], dtype=bool)
+    return whole[..., number] > 0.0
 
 
 def state_of(plan: Plan, like: State, time: Array, whole: Array, trust: Array | None) -> State:

@@ -5,96 +5,81 @@ A lane too many, where the last block is not full, repeats the block's last targ
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from imm_tdoa.contract import Array, Index
-from imm_tdoa.kernel.layout import Feed, Record
+from imm_tdoa.kernel.compiling import compiled
+from imm_tdoa.kernel.elementary import finite
+from imm_tdoa.kernel.layout import Feed
 from imm_tdoa.kernel.memory import Where
-from imm_tdoa.kernel.vectors import compiled
+from imm_tdoa.kernel.vectors import EIGHT, Lanes, anywhere, choose, get, put, scatter
 from imm_tdoa.makeup import RANGE_RATE
 
 
 @compiled
-def load(M: Array, records: Array, x: int, size: int, block: int, targets: int) -> None:
-    """Spread a block's records over the lanes; lanes too many repeat the last target."""
+def load(M: Array, at: Where, records: Array, block: int, targets: int) -> None:
+    """Spread a block's states over the lanes; lanes too many repeat the last target."""
     for lane in range(M.shape[1]):
-        record = records[block + min(lane, targets - 1)]
-        for k in range(size):
-            M[x + k, lane] = record[k]
+        begin = (block + min(lane, targets - 1)) * at.record
+        for k in range(at.total + 1):
+            M[k, lane] = records[begin + k]
 
 
 @compiled
 def store(
-    M: Array, at: Where, record: Record, x: int, records: Array, block: int, targets: int
+    lanes: Lanes, M: Array, at: Where, x: int, out: Array, begin: int, stride: int, targets: int
 ) -> None:
-    """Gather the block's states into its records; x: where the means are now."""
-    for lane in range(targets):
-        for k in range(at.means + at.squares):
-            records[block + lane, k] = M[x + k, lane]
-        for k in range(at.r + 1):
-            records[block + lane, record.log_p + k] = M[at.log_p + k, lane]
+    """Write the block's records to `out`, `stride` numbers apart; x: where the means are now."""
+    state = at.means + at.squares
+    _write(lanes, M, x, state, out, begin, stride, targets)
+    _write(lanes, M, at.log_p, at.record - state, out, begin + state, stride, targets)
 
 
 @compiled
-def keep(records: Array, out: Array, k: int, block: int, targets: int) -> None:
-    """Copy the block's records to those that are kept, as number k."""
-    for lane in range(targets):
-        for i in range(records.shape[1]):
-            out[block + lane, k, i] = records[block + lane, i]
+def _write(
+    lanes: Lanes, M: Array, row: int, count: int, out: Array, begin: int, stride: int, targets: int
+) -> None:
+    """Write so many rows of the memory, EIGHT at a time where there are as many."""
+    if count < EIGHT:
+        for lane in range(targets):
+            for k in range(count):
+                out[begin + lane * stride + k] = M[row + k, lane]
+        return
+    for k in range(0, count, EIGHT):
+        here = min(k, count - EIGHT)
+        scatter(lanes, M, row + here, out, begin + here, stride, targets - 1)
 
 
 @compiled
-def say(
-    M: Array,
-    at: Where,
-    record: Record,
-    rows: Index,
-    q: int,
-    records: Array,
-    block: int,
-    targets: int,
-) -> None:
+def say(lanes: Lanes, M: Array, at: Where, rows: Index, q: int) -> None:
     """Note what the scan said, or that it said nothing."""
-    for lane in range(targets):
-        own = records[block + lane]
-        for i in range(at.m):
-            own[record.row_weight + i] = np.nan
-        heard = q > 0 and M[at.heard, lane] > 0.0
-        own[record.dof] = M[at.heard, lane] if heard else 0.0
-        own[record.nis] = M[at.bank, lane] if heard else np.nan
+    if q == 0:
+        put(lanes, M, at.heard, 0.0)
         for j in range(at.r):
-            own[record.mode_log_likelihood + j] = M[at.log_l + j, lane] if q > 0 else 0.0
-            own[record.mode_nis + j] = M[at.nis + j, lane] if heard else np.nan
-        for i in range(q):
-            if M[at.present + i, lane] > 0.0:
-                own[record.row_weight + rows[i]] = M[at.row_weight + i, lane]
-        own[record.lost] = 0.0
-        own[record.reopened] = 0.0
+            put(lanes, M, at.log_l + j, 0.0)
+    heard = get(lanes, M, at.heard)
+    put(lanes, M, at.bank, choose(heard, get(lanes, M, at.bank), np.nan))
+    for j in range(at.r):
+        put(lanes, M, at.nis + j, choose(heard, get(lanes, M, at.nis + j), np.nan))
+    for i in range(at.m):
+        put(lanes, M, at.weight + i, np.nan)
+    for i in range(q):
+        weight = choose(get(lanes, M, at.present + i), get(lanes, M, at.row_weight + i), np.nan)
+        put(lanes, M, at.weight + rows[i], weight)
 
 
 @compiled
-def take_step(M: Array, at: Where, n: Index, order: Index, tables: Array, step: Index) -> bool:
-    """Spread the tables of each lane's time step; whether every entry of the chain is positive."""
-    r = len(n)
+def take_step(lanes: Lanes, M: Array, at: Where, tables: Array, step: Index) -> bool:
+    """Spread the table of the time step, or each lane's; whether all chains are positive."""
     positive = True
-    for lane in range(M.shape[1]):
-        table = tables[step[lane]]
-        positive = positive and table[0] > 0.0
-        k = 1
-        fj, Qj = at.f, at.Q
-        for j in range(r):
-            for i in range(order[j] ** 2):
-                M[fj + i, lane] = table[k + i]
-            k += order[j] ** 2
-            fj += order[j] ** 2
-            for i in range(n[j] ** 2):
-                M[Qj + i, lane] = table[k + i]
-            k += n[j] ** 2
-            Qj += n[j] ** 2
-        for i in range(r * r):
-            M[at.Pi + i, lane] = table[k + i]
+    for own in step:
+        positive = positive and tables[own, 0] > 0.0
+    for k in range(at.w - at.Q):
+        if len(step) == 1:
+            put(lanes, M, at.Q + k, tables[step[0], 1 + k])
+        else:
+            for lane in range(len(lanes)):
+                M[at.Q + k, lane] = tables[step[lane], 1 + k]
     return positive
 
 
@@ -125,6 +110,7 @@ def take_pairs(
 
 @compiled
 def take_values(
+    lanes: Lanes,
     M: Array,
     at: Where,
     kind: Index,
@@ -144,30 +130,37 @@ def take_values(
     A row is present where it is a number, says something new, and its stations are heard.
     """
     q = 0
-    L = M.shape[1]
     own_values, own_usable = min(1, values.shape[0] - 1), min(1, usable.shape[0] - 1)
-    own_pairs, own_since = min(1, station.shape[1] - 1), min(1, since.shape[0] - 1)
+    own_pairs, own_since = station.shape[1] > 1, min(1, since.shape[0] - 1)
     for i in range(len(kind)):
-        heard = 0.0
-        for lane in range(L):
+        z, present = at.z + q, at.present + q
+        for lane in range(len(lanes)):
             target = block + min(lane, targets - 1)
-            value = values[own_values * target, t, i] * scale[i]
-            there = 1.0 if math.isfinite(value) and t >= since[own_since * target] else 0.0
-            if kind[i] <= RANGE_RATE:
-                s, s0 = station[i, own_pairs * lane], reference[i, own_pairs * lane]
-                there = there if math.isfinite(M[at.place + s * at.d, lane]) else 0.0
+            value = values[own_values * target, t, i]
+            M[z, lane] = value if t >= since[own_since * target] else np.nan
+        value = get(lanes, M, z) * scale[i]
+        known = finite(value)
+        if kind[i] <= RANGE_RATE and own_pairs:
+            for lane in range(len(lanes)):
+                s, s0 = station[i, lane], reference[i, lane]
+                M[present, lane] = M[at.place + s * at.d, lane]
                 if s0 >= 0:
-                    there = there if math.isfinite(M[at.place + s0 * at.d, lane]) else 0.0
-            M[at.z + q, lane] = value if there > 0.0 else 0.0
-            M[at.present + q, lane] = there
-            heard += there
+                    M[present, lane] += M[at.place + s0 * at.d, lane]
+            known = known * finite(get(lanes, M, present))
+        elif kind[i] <= RANGE_RATE:
+            s, s0 = station[i, 0], reference[i, 0]
+            known = known * finite(get(lanes, M, at.place + s * at.d))
+            if s0 >= 0:
+                known = known * finite(get(lanes, M, at.place + s0 * at.d))
+        there = choose(known, 1.0, 0.0)
+        put(lanes, M, z, choose(known, value, 0.0))
+        put(lanes, M, present, there)
         if usable.shape[0] > 0:
-            heard = 0.0
-            for lane in range(L):
+            for lane in range(len(lanes)):
                 if usable[own_usable * (block + min(lane, targets - 1)), t, i] == 0:
-                    M[at.present + q, lane] = 0.0
-                heard += M[at.present + q, lane]
-        if heard > 0.0:
+                    M[present, lane] = 0.0
+            there = get(lanes, M, present)
+        if anywhere(there):
             rows[q] = i
             q += 1
     return q
@@ -194,15 +187,27 @@ def heard_stations(
 
 @compiled
 def take_noise(
-    M: Array, at: Where, noise: Array, block: int, targets: int, t: int, rows: Index, q: int
+    lanes: Lanes,
+    M: Array,
+    at: Where,
+    noise: Array,
+    block: int,
+    targets: int,
+    t: int,
+    rows: Index,
+    q: int,
 ) -> None:
     """Noise covariance of the present rows; unit variance, uncorrelated, for the others."""
-    own, k = min(1, noise.shape[0] - 1), t if noise.shape[1] > 1 else 0
+    own, k = noise.shape[0] > 1, t if noise.shape[1] > 1 else 0
     for i in range(q):
         for j in range(i + 1):
-            neutral = 1.0 if i == j else 0.0
-            for lane in range(M.shape[1]):
-                value = noise[own * (block + min(lane, targets - 1)), k, rows[i], rows[j]]
-                both = M[at.present + i, lane] * M[at.present + j, lane]
-                M[at.R + i * at.m + j, lane] = value if both > 0.0 else neutral
-                M[at.R + j * at.m + i, lane] = M[at.R + i * at.m + j, lane]
+            R = at.R + i * at.m + j
+            if own:
+                for lane in range(len(lanes)):
+                    M[R, lane] = noise[block + min(lane, targets - 1), k, rows[i], rows[j]]
+            else:
+                put(lanes, M, R, noise[0, k, rows[i], rows[j]])
+            both = get(lanes, M, at.present + i) * get(lanes, M, at.present + j)
+            value = choose(both, get(lanes, M, R), 1.0 if i == j else 0.0)
+            put(lanes, M, R, value)
+            put(lanes, M, at.R + j * at.m + i, value)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from imm_tdoa.contract import Array, Index
+from imm_tdoa.kernel.compiling import compiled
 from imm_tdoa.kernel.earth import height
-from imm_tdoa.kernel.vectors import Lanes, choose, compiled, fill, get, put, sqrt
+from imm_tdoa.kernel.vectors import Lanes, choose, fill, get, put, sqrt
 from imm_tdoa.makeup import AXIS, HEIGHT, RANGE_RATE
 
 

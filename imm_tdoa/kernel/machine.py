@@ -11,11 +11,12 @@ import numba
 from llvmlite import binding
 
 from imm_tdoa.kernel import recursion
-from imm_tdoa.kernel.vectors import SWITCHED_OFF, Lanes
+from imm_tdoa.kernel.compiling import SWITCHED_OFF, undisturbed, whole
+from imm_tdoa.kernel.vectors import Lanes
 
 SOURCES = (
-    "earth", "gathering", "layout", "looking", "memory", "mixing", "reading", "recursion", "robust",
-    "updating", "vectors", "weighing",
+    "bits", "compiling", "earth", "elementary", "gathering", "layout", "linking", "looking",
+    "memory", "mixing", "reading", "recursion", "robust", "updating", "vectors", "weighing",
 )  # fmt: skip
 
 
@@ -37,12 +38,12 @@ def _entry(digest: str, cache: bool) -> Callable[..., Any]:
     def run(
         lanes: Any,
         spec: Any,
-        at: Any,
         feed: Any,
         robust: Any,
         records: Any,
         out: Any,
         kept: Any,
+        stride: Any,
         first: Any,
         last: Any,
         start: Any,
@@ -50,10 +51,10 @@ def _entry(digest: str, cache: bool) -> Callable[..., Any]:
     ) -> Any:
         digest  # noqa: B018 - a variable of the closure is part of the key compiled code is kept by
         return recursion.run(
-            lanes, spec, at, feed, robust, records, out, kept, first, last, start, begin
+            lanes, spec, feed, robust, records, out, kept, stride, first, last, start, begin
         )
 
-    jit: Callable[..., Any] = numba.njit(cache=cache, nogil=True, error_model="numpy")(run)
+    jit: Callable[..., Any] = whole(run, cache)
     return jit
 
 
@@ -70,7 +71,7 @@ def _step_entry(digest: str, cache: bool) -> Callable[..., Any]:
         digest  # noqa: B018
         return recursion.step(lanes, ints, floats, table, values, record, estimate)
 
-    jit: Callable[..., Any] = numba.njit(cache=cache, nogil=True, error_model="numpy")(step)
+    jit: Callable[..., Any] = whole(step, cache)
     return jit
 
 
@@ -106,26 +107,36 @@ class Machine:
         name = f"imm_tdoa-{DIGEST}-{numba.__version__}-{cpu}-{len(lanes)}-{kind}.compiled"
         return Path(self._run.stats.cache_path) / name  # type: ignore[attr-defined]
 
-    def __call__(self, lanes: Lanes, spec: Any, at: Any, feed: Any, robust: Any, *rest: Any) -> Any:
+    def first_step(self, *given: Any) -> Any:
+        """Call `step` for the first time."""
+        with undisturbed():
+            return self.step(*given)
+
+    def __call__(self, lanes: Lanes, spec: Any, feed: Any, robust: Any, *rest: Any) -> Any:
         """Call `recursion.run`."""
+        kind = (len(lanes), robust is not None)
+        if kind in self._ready:
+            return self._call(lanes, spec, feed, robust, *rest)
+        with undisturbed():
+            result = self._call(lanes, spec, feed, robust, *rest)
+        self._ready.add(kind)
+        if self.keeps:
+            try:
+                self._mark(lanes, robust is not None).touch()
+            except OSError:
+                self.keeps = False
+        return result
+
+    def _call(self, *given: Any) -> Any:
         try:
-            result = self._run(lanes, spec, at, feed, robust, *rest)
+            return self._run(*given)
         except OSError:  # it is compiled, but the folder for it has become unwritable
             self.keeps = False
             try:
-                result = self._run(lanes, spec, at, feed, robust, *rest)
+                return self._run(*given)
             except OSError:  # or can no longer be read
                 self._without_disk()
-                result = self._run(lanes, spec, at, feed, robust, *rest)
-        kind = (len(lanes), robust is not None)
-        if kind not in self._ready:
-            self._ready.add(kind)
-            if self.keeps:
-                try:
-                    self._mark(lanes, robust is not None).touch()
-                except OSError:
-                    self.keeps = False
-        return result
+                return self._run(*given)
 
 
 machine = Machine()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from imm_tdoa.contract import Index
-from imm_tdoa.kernel.vectors import compiled
+from imm_tdoa.kernel.compiling import compiled
 
 
 class Where(NamedTuple):
@@ -19,31 +19,32 @@ class Where(NamedTuple):
         Components of all modes, and of all their covariances.
     stride : int
         Rows of M that one mode's Jacobian takes.
-    x, P, log_p, total
-        Modes as in a record: means, covariances, log-probabilities; the log-likelihood.
+    x, P
+        Means and covariances of the modes, as in a record.
+    log_p, total, bank, heard, log_l, nis, weight, lost, reopened
+        The rest of a record (`layout.Record`), in its order: log-probabilities (r) and
+        log-likelihood; NIS against the whole bank's moments, how many rows count; log-likelihood
+        and NIS of each mode (r); weight of each row (m); whether lost, or reopened.
     x_other, P_other
         Room for the modes of the next step.
     Q, f, Pi
-        Process noise (as P), transition per axis (order² a mode), chain (r, r).
+        As in a table of a time step (`plan.Plan.tables`): process noise (as P), transition per
+        axis (order² a mode), chain (r, r).
     w, log_c, xm, Pm, d0, d1, FP
         Mixing weights (r, r), predicted log-probabilities (r), and scratch of the prediction.
     place, speed, G
         Of the stations (S, d), and their geometry (S, 2 + 2 d).
-    z, present, free, heard
+    z, present, free, row_weight
         The q rows that count: values, 1 where measured, 1 where not taken as a reference or left
-        out, and how many of those.
+        out, and their weights.
     R, nu, H, HP, S_
         Noise (m, m), and for each mode innovation (m), Jacobian, H P and its covariance (m, m).
     C, pivot, K, E, white
         Scratch of the update.
-    Sm, mean, bank
-        Moments of the whole bank's innovation, and its NIS.
-    log_l, nis
-        Log-likelihood and NIS of each mode (r).
-    top, row_weight
-        Scratch; weight of each row (m).
-    size : int
-        Rows of M.
+    Sm, mean
+        Moments of the whole bank's innovation.
+    record, size : int
+        Rows of a record, and of M.
     """
 
     r: int
@@ -58,6 +59,13 @@ class Where(NamedTuple):
     P: int
     log_p: int
     total: int
+    bank: int
+    heard: int
+    log_l: int
+    nis: int
+    weight: int
+    lost: int
+    reopened: int
     x_other: int
     P_other: int
     Q: int
@@ -76,7 +84,7 @@ class Where(NamedTuple):
     z: int
     present: int
     free: int
-    heard: int
+    row_weight: int
     R: int
     nu: int
     H: int
@@ -89,11 +97,7 @@ class Where(NamedTuple):
     white: int
     Sm: int
     mean: int
-    bank: int
-    log_l: int
-    nis: int
-    top: int
-    row_weight: int
+    record: int
     size: int
 
 
@@ -109,7 +113,10 @@ def lay_out(n: Index, order: Index, d: int, m: int, S: int) -> Where:
         orders += order[j] * order[j]
     stride = m * 2 * d
     log_p = means + squares
-    other_x = log_p + r + 1
+    log_l = log_p + r + 3
+    weight = log_l + 2 * r
+    record = weight + m + 2
+    other_x = record
     Q = other_x + means + squares
     f = Q + squares
     Pi = f + orders
@@ -126,8 +133,8 @@ def lay_out(n: Index, order: Index, d: int, m: int, S: int) -> Where:
     z = G + S * (2 + 2 * d)
     present = z + m
     free = present + m
-    count = free + m
-    R = count + 1
+    row_weight = free + m
+    R = row_weight + m
     nu = R + m * m
     H = nu + r * m
     HP = H + r * stride
@@ -139,17 +146,13 @@ def lay_out(n: Index, order: Index, d: int, m: int, S: int) -> Where:
     white = E + m * N
     Sm = white + m
     mean = Sm + m * m
-    bank = mean + m
-    log_l = bank + 1
-    nis = log_l + r
-    top = nis + r
-    row_weight = top + 1
     return Where(
-        r=r, d=d, m=m, S=S, N=N, means=means, squares=squares, stride=stride,
-        x=0, P=means, log_p=log_p, total=log_p + r, x_other=other_x, P_other=other_x + means,
+        r=r, d=d, m=m, S=S, N=N, means=means, squares=squares, stride=stride, x=0, P=means,
+        log_p=log_p, total=log_p + r, bank=log_p + r + 1, heard=log_p + r + 2, log_l=log_l,
+        nis=log_l + r, weight=weight, lost=weight + m, reopened=weight + m + 1,
+        x_other=other_x, P_other=other_x + means,
         Q=Q, f=f, Pi=Pi, w=w, log_c=log_c, xm=xm, Pm=Pm, d0=d0, d1=d1, FP=FP,
-        place=place, speed=speed, G=G, z=z, present=present, free=free, heard=count,
+        place=place, speed=speed, G=G, z=z, present=present, free=free, row_weight=row_weight,
         R=R, nu=nu, H=H, HP=HP, S_=S_, C=C, pivot=pivot, K=K, E=E, white=white,
-        Sm=Sm, mean=mean, bank=bank, log_l=log_l, nis=nis, top=top, row_weight=row_weight,
-        size=row_weight + m,
+        Sm=Sm, mean=mean, record=record, size=mean + m,
     )  # fmt: skip

@@ -11,7 +11,9 @@ import math
 import numpy as np
 
 from imm_tdoa.contract import Array, Index
-from imm_tdoa.kernel.vectors import Lanes, compiled, exp, fill, get, log, put
+from imm_tdoa.kernel.compiling import compiled
+from imm_tdoa.kernel.elementary import exp, log
+from imm_tdoa.kernel.vectors import Lanes, choose, fill, get, put
 
 BIRTH, UNBIASED, ZERO = 0, 1, 2
 
@@ -28,12 +30,10 @@ def weights(
     if not positive:
         _weights_with_zeros(M, r, log_p, Pi, w, log_c)
         return
-    for lane in range(len(lanes)):
-        top = M[log_p, lane]
-        for i in range(1, r):
-            top = max(top, M[log_p + i, lane])
-        M[log_c, lane] = top
-    top = get(lanes, M, log_c)
+    top = get(lanes, M, log_p)
+    for i in range(1, r):
+        other = get(lanes, M, log_p + i)
+        top = choose(other - top, other, top)
     for i in range(r):
         put(lanes, M, w + i * r, exp(get(lanes, M, log_p + i) - top))
     for j in range(r - 1, -1, -1):  # until its turn comes the first column holds the modes' share

@@ -126,8 +126,9 @@ class Plan:
         Returns
         -------
         tables : (U, W)
-            Of each different step: whether every entry of the chain is positive; per mode the
-            transition matrix per axis and the process noise; the chain. Matrices by rows.
+            Of each different step: whether every entry of the chain is positive; the process
+            noise of each mode; the transition matrix per axis of each; the chain. Matrices by
+            rows.
         index : (...)
             Which of them each step takes.
         """
@@ -159,15 +160,16 @@ class Plan:
     def _make(self, dt: Array) -> Array:
         bank, d = self.imm.bank, self.spec.dims
         chain = self.imm.chain(dt)
-        parts = [np.all(chain > NEVER, axis=(-2, -1))[:, None].astype(float)]
+        noise, transition = [], []
         for model in bank.models:
             assert isinstance(model, LinearMotion)
             F = model.transition(dt, d)
-            parts.append(np.ascontiguousarray(F[:, ::d, ::d]).reshape(len(dt), -1))
+            transition.append(np.ascontiguousarray(F[:, ::d, ::d]).reshape(len(dt), -1))
             Q = np.broadcast_to(model.process_noise(dt, d), F.shape)
-            parts.append(np.ascontiguousarray(Q).reshape(len(dt), -1))
-        parts.append(chain.reshape(len(dt), -1))
-        return np.concatenate(parts, axis=-1)
+            noise.append(np.ascontiguousarray(Q).reshape(len(dt), -1))
+        positive = np.all(chain > NEVER, axis=(-2, -1))[:, None].astype(float)
+        whole = (positive, *noise, *transition, chain.reshape(len(dt), -1))
+        return np.concatenate(whole, axis=-1)
 
     @cached_property
     def sizes(self) -> tuple[tuple[int, ...], tuple[int, ...]]:

@@ -9,9 +9,9 @@ import numpy as np
 
 from imm_tdoa.contract import Array, Index
 from imm_tdoa.kernel import robust
+from imm_tdoa.kernel.compiling import allocating, compiled
 from imm_tdoa.kernel.layout import Robust
 from imm_tdoa.kernel.memory import Where
-from imm_tdoa.kernel.vectors import allocating, compiled
 
 REJECTED, USED, LOST, SINCE, SNAPSHOT = 0, 1, 2, 3, 4  # columns of the trust records
 
@@ -50,25 +50,29 @@ def offsets(
             reference[i, lane] = best
         for i in range(q):
             k = reference[i, lane]
-            if k < 0 or k == i:
-                continue
-            for j in range(r):
-                M[nu + j * m + i, lane] -= M[nu + j * m + k, lane]
-                for a in range(columns[j]):
-                    here = H + j * stride + i * columns[j] + a
-                    M[here, lane] -= M[H + j * stride + k * columns[j] + a, lane]
-            for p in range(q):
-                M[R + i * m + p, lane] -= M[R + k * m + p, lane]
+            if k >= 0 and k != i:
+                for j in range(r):
+                    _subtract(M, nu + j * m, i, k, 1, 1, 1, lane)
+                    size = columns[j]
+                    _subtract(M, H + j * stride, i, k, size, size, 1, lane)
+                _subtract(M, R, i, k, m, q, 1, lane)
         for i in range(q):
             k = reference[i, lane]
-            if k < 0 or k == i:
-                continue
-            for p in range(q):
-                M[R + p * m + i, lane] -= M[R + p * m + k, lane]
+            if k >= 0 and k != i:
+                _subtract(M, R, i, k, 1, q, m, lane)
         for k in range(q):
             if reference[k, lane] == k:
                 M[at.free + k, lane] = 0.0
                 _neutral(M, at, q, k, lane, columns)
+
+
+@compiled
+def _subtract(
+    M: Array, A: int, i: int, k: int, apart: int, count: int, step: int, lane: int
+) -> None:
+    """Subtract row k of A from row i, rows `apart`; or column from column, rows `step` apart."""
+    for p in range(count):
+        M[A + i * apart + p * step, lane] -= M[A + k * apart + p * step, lane]
 
 
 @compiled

@@ -12,10 +12,12 @@ import numpy as np
 
 from imm_tdoa.contract import Array, Index
 from imm_tdoa.kernel import gathering, looking, mixing, reading, updating, weighing
-from imm_tdoa.kernel.layout import Feed, Record, Robust, Spec, record
+from imm_tdoa.kernel.compiling import allocating, compiled
+from imm_tdoa.kernel.layout import Feed, Robust, Spec
 from imm_tdoa.kernel.memory import Where, lay_out
-from imm_tdoa.kernel.vectors import Lanes, allocating, compiled, get, put
+from imm_tdoa.kernel.vectors import Lanes, get, put
 
+LINE = 8  # numbers in a line of the processor's fastest memory
 FINE, INDEFINITE, IMPOSSIBLE, REOPENS, INFINITE = 0, 1, 2, 3, 4
 
 
@@ -23,12 +25,12 @@ FINE, INDEFINITE, IMPOSSIBLE, REOPENS, INFINITE = 0, 1, 2, 3, 4
 def run(
     lanes: Lanes,
     spec: Spec,
-    fields: Record,
     feed: Feed,
     robust: Robust | None,
     records: Array,
     out: Array,
     kept: Index,
+    stride: int,
     first: int,
     last: int,
     start: int,
@@ -42,12 +44,13 @@ def run(
     ----------
     robust : Robust, optional
         How gross errors are treated; the code for them is compiled only where there is one.
-    records : (B, size)
-        The targets' states before the first scan; afterwards those after the last.
-    out : (B, K, size)
-        Filled with the records after the scans that are kept.
+    records : (B * size,)
+        The targets' states before the first scan, one after the other; afterwards those after
+        the last.
+    out : (B * stride,)
+        Filled with the records after the scans that are kept, `stride` numbers to each target.
     kept : (T,)
-        Where in `out` each scan's record goes; -1: nowhere.
+        The how manieth of these each scan's record is; -1: none.
 
     Returns
     -------
@@ -62,44 +65,50 @@ def run(
     birth, pattern, frame = spec.birth, spec.pattern, spec.frame
     tables, steps, values, usable = feed.tables, feed.step, feed.values, feed.usable
     since, noise, places, speeds = feed.since, feed.noise, feed.place, feed.speed
-    moving, own_steps = places.shape[1] > 1, min(1, steps.shape[0] - 1)
+    moving, own_steps = places.shape[1] > 1, steps.shape[0] > 1
     at = lay_out(n, order, spec.dims, len(kind), places.shape[2])
     m, T = at.m, steps.shape[1]
-    M = np.zeros((at.size, L))
+    room = np.zeros(at.size * L + LINE)
+    edge = -(room.ctypes.data // 8) % LINE  # vectors that lie across lines take twice as long
+    M = room[edge : edge + at.size * L].reshape(at.size, L)
     columns = np.zeros(at.r, np.int64)
     for j in range(at.r):
         columns[j] = min(n[j], 2 * at.d if spec.rates else at.d)
     grouped = False
     for i in range(m):
         grouped = grouped or group[i] >= 0
-    step, positive = np.zeros(L, np.int64), False
+    step, positive = np.zeros(L if own_steps else 1, np.int64), False
     rows, used = np.zeros(m, np.int64), np.zeros(at.S, np.int64)
     own_pairs = feed.station.shape[0] > 1
     station, reference = feed.station[0, 0], feed.reference[0, 0]
     if own_pairs:
         station, reference = np.zeros((m, L), np.int64), np.zeros((m, L), np.int64)
-    taken_from = np.full((m if grouped or robust is not None else 0, L), -1)
+    taken_from = np.zeros((m if grouped or robust is not None else 0, L), np.int64)
+    for i in range(len(taken_from)):
+        for lane in range(L):
+            taken_from[i, lane] = -1
     judged = L if robust is not None else 0
     verdict, variances = np.zeros((judged, 3)), np.zeros((judged, m))
 
     for block in range(first, last, L):
         targets = min(L, last - block)
         x, P, other_x, other_P = at.x, at.P, at.x_other, at.P_other
-        gathering.load(M, records, x, at.total + 1, block, targets)
-        for lane in range(L):
+        gathering.load(M, at, records, block, targets)
+        for lane in range(len(step)):
             step[lane] = -1
         here = begin if block == first else start
         for t in range(here, T):
             if robust is not None and reading.reopens(robust, block, targets):
-                gathering.store(M, at, fields, x, records, block, targets)
+                size = at.record
+                gathering.store(lanes, M, at, x, records, block * size, size, targets)
                 return REOPENS, t, block
             fresh = False
-            for lane in range(L):
-                own = steps[own_steps * (block + min(lane, targets - 1)), t]
+            for lane in range(len(step)):
+                own = steps[block + min(lane, targets - 1) if own_steps else 0, t]
                 fresh = fresh or own != step[lane]
                 step[lane] = own
             if fresh:
-                positive = gathering.take_step(M, at, n, order, tables, step)
+                positive = gathering.take_step(lanes, M, at, tables, step)
             if moving or t == here:
                 gathering.take_stations(M, at, places, speeds, block, targets, t)
             if own_pairs:
@@ -107,8 +116,8 @@ def run(
             elif feed.station.shape[1] > 1:
                 station, reference = feed.station[0, t], feed.reference[0, t]
             q = gathering.take_values(
-                M, at, kind, scale, values, usable, since, block, targets, t, station, reference,
-                rows,
+                lanes, M, at, kind, scale, values, usable, since, block, targets, t, station,
+                reference, rows,
             )  # fmt: skip
             predict(
                 lanes, M, at, n, order, spec.rule, birth, pattern, positive, x, P, other_x, other_P
@@ -117,7 +126,7 @@ def run(
             extras = kept[t] >= 0 or t == T - 1
             if q > 0:
                 heard = gathering.heard_stations(kind, rows, q, station, reference, used)
-                gathering.take_noise(M, at, noise, block, targets, t, rows, q)
+                gathering.take_noise(lanes, M, at, noise, block, targets, t, rows, q)
                 compare(
                     lanes, M, at, n, columns, spec.rates, rows, q, kind, station, reference, frame,
                     used, heard, x,
@@ -166,15 +175,16 @@ def run(
                 for j in range(at.r):
                     put(lanes, M, at.log_p + j, get(lanes, M, at.log_c + j))
             if extras:
-                gathering.store(M, at, fields, x, records, block, targets)
-                gathering.say(M, at, fields, rows, q, records, block, targets)
+                gathering.say(lanes, M, at, rows, q)
                 if robust is not None:
                     for lane in range(targets):
-                        records[block + lane, fields.lost] = robust.trust[
-                            block + lane, reading.LOST
-                        ]
+                        M[at.lost, lane] = robust.trust[block + lane, reading.LOST]
+                size = at.record
+                if t == T - 1:
+                    gathering.store(lanes, M, at, x, records, block * size, size, targets)
                 if kept[t] >= 0:
-                    gathering.keep(records, out, kept[t], block, targets)
+                    begun = block * stride + kept[t] * size
+                    gathering.store(lanes, M, at, x, out, begun, stride, targets)
     return FINE, 0, 0
 
 
@@ -276,9 +286,6 @@ def update(
     return True
 
 
-_record = compiled(record)
-
-
 @allocating
 def step(
     lanes: Lanes,
@@ -330,15 +337,14 @@ def step(
     for j in range(r):
         nx += n[j]
         nP += n[j] * n[j]
-    at = _record(nx, nP, r, m)
     spec = Spec(dims, ints[1], ints[2] != 0, order, n, birth, pattern, kind, group, scale, frame)
     none = np.zeros(1, np.int64)
     feed = Feed(
         table, none.reshape(1, 1), values.reshape(1, 1, m), none, np.zeros((0, 0, m), np.int64),
         noise, place, speed, station, reference,
     )  # fmt: skip
-    records = record.reshape(1, len(record))
-    out = np.zeros((1, 0, 0))
-    code, _, _ = run(lanes, spec, at, feed, None, records, out, np.full(1, -1), 0, 1, 0, 0)
-    weighing.combine(at.log_p, n, n_max, record, estimate)
+    kept = np.zeros(1, np.int64)
+    kept[0] = -1
+    code, _, _ = run(lanes, spec, feed, None, record, record, kept, 0, 0, 1, 0, 0)
+    weighing.combine(nx + nP, n, n_max, record, estimate)
     return int(code)

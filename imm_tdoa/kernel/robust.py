@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from imm_tdoa.contract import Array
-from imm_tdoa.kernel.vectors import allocating, compiled
+from imm_tdoa.kernel.compiling import allocating, compiled
 from imm_tdoa.robust import AMBIGUOUS, ROUNDS, SAME, SETTLED, TESTABLE
 
 LOG_2PI = math.log(2.0 * math.pi)

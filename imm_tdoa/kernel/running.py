@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import os
 from collections import deque
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import attrs
 import numpy as np
@@ -16,7 +17,7 @@ from imm_tdoa.kernel import feeding
 from imm_tdoa.kernel.layout import Feed, Robust
 from imm_tdoa.kernel.machine import machine
 from imm_tdoa.kernel.plan import Plan
-from imm_tdoa.kernel.recursion import IMPOSSIBLE, INDEFINITE, REOPENS
+from imm_tdoa.kernel.recursion import FINE, INDEFINITE, REOPENS
 from imm_tdoa.kernel.vectors import FOUR, LANES, ONE, Lanes
 from imm_tdoa.scans import Scans
 from imm_tdoa.state import State
@@ -40,6 +41,23 @@ def processors() -> int:
     return os.cpu_count() or 1
 
 
+class _Failure(NamedTuple):
+    """What went wrong; of several the least is told, which is what NumPy would meet first."""
+
+    scan: int
+    code: int
+    target: int
+    time: float
+
+    def error(self) -> ValueError:
+        if self.code == INDEFINITE:
+            return ValueError("innovation covariance: not positive definite")
+        return ValueError(
+            f"values: at time {self.time:g} s no mode can explain the measurement "
+            f"(its likelihood is zero or not a number in every mode)"
+        )
+
+
 @attrs.frozen(eq=False)
 class _Job:
     """Part of the targets, all scans."""
@@ -57,28 +75,29 @@ class _Job:
     out: Array
     kept: Index
     start: int
+    before: int
 
-    def __call__(self) -> None:
-        first, begin, last = 0, self.start, len(self.records)
+    def __call__(self) -> _Failure | None:
+        """Take the targets through the scans; say what went wrong first, if anything did."""
+        first, begin, last, L = 0, self.start, len(self.records), len(self.lanes)
+        records, out, failures = self.records.reshape(-1), self.out.reshape(-1), []
         while first < last:
             code, t, target = machine(
-                self.lanes, self.plan.spec, self.plan.record, self.feed, self.robust,
-                self.records, self.out, self.kept, first, last, self.start, begin,
+                self.lanes, self.plan.spec, self.feed, self.robust, records, out, self.kept,
+                self.out[0].size, first, last, self.start, begin,
             )  # fmt: skip
-            if code == INDEFINITE:
-                raise ValueError("innovation covariance: not positive definite")
-            if code == IMPOSSIBLE:
-                when = self.times[target if len(self.times) > 1 else 0, t]
-                raise ValueError(
-                    f"values: at time {when:g} s no mode can explain the measurement "
-                    f"(its likelihood is zero or not a number in every mode)"
-                )
-            if code != REOPENS:
-                return
-            self._reopen(slice(target, min(target + len(self.lanes), last)), t)
-            first, begin = target, t + 1
+            if code == FINE:
+                break
+            first, begin = target - target % L, self.times.shape[-1]
+            if code == REOPENS:
+                self._reopen(slice(first, min(first + L, last)), t)
+                begin = t + 1
+            else:
+                time = self.times[target if len(self.times) > 1 else 0, t]
+                failures.append(_Failure(t, code, self.before + target, float(time)))
             if begin == self.times.shape[-1]:
-                first, begin = first + len(self.lanes), self.start
+                first, begin = first + L, self.start
+        return min(failures, default=None)
 
     def _reopen(self, part: slice, t: int) -> None:
         """Take a block with a lost target over scan t by the plain cycle."""
@@ -188,10 +207,13 @@ def run(
             out=out[part],
             kept=kept,
             start=begin + 1,
+            before=part.start,
         )
 
     if begin + 1 < T:
-        _work([*range(0, B, size)], job, workers)
+        failures = _work([*range(0, B, size)], job, workers)
+        if failures:
+            raise min(failures).error()
     return out
 
 
@@ -214,17 +236,17 @@ def _clock(scans: Scans, state: State, first: Index, begin: int) -> tuple[Array,
     return times, dt, since
 
 
-def _work(begins: list[int], job: Any, workers: int) -> None:
+def _work(begins: list[int], job: Callable[[int], _Job], workers: int) -> list[_Failure]:
     """Do the jobs, no more of them prepared at a time than are soon worked on."""
+    results: list[_Failure | None] = []
     if len(begins) == 1 or workers == 1:
-        for a in begins:
-            job(a)()
-        return
-    with ThreadPoolExecutor(min(workers, len(begins))) as pool:
-        open_jobs: deque[Future[None]] = deque()
-        for a in begins:
-            open_jobs.append(pool.submit(job(a)))
-            if len(open_jobs) > 2 * workers:
-                open_jobs.popleft().result()
-        for future in open_jobs:
-            future.result()
+        results += [job(a)() for a in begins]
+    else:
+        with ThreadPoolExecutor(min(workers, len(begins))) as pool:
+            open_jobs: deque[Future[_Failure | None]] = deque()
+            for a in begins:
+                open_jobs.append(pool.submit(job(a)))
+                if len(open_jobs) > 2 * workers:
+                    results.append(open_jobs.popleft().result())
+            results += [future.result() for future in open_jobs]
+    return [failure for failure in results if failure is not None]

@@ -20,7 +20,7 @@ from imm_tdoa.state import State, Taken
 if TYPE_CHECKING:
     from imm_tdoa.imm import IMM
 
-NOWHERE = np.array([-1])
+NOWHERE, NOTHING = np.array([-1]), np.empty(0)
 
 
 class PackedState(State):
@@ -152,7 +152,7 @@ class Stepper:
         estimate = np.empty(self.estimate)
         given = (ONE, self.ints, self.floats, plan.table(dt), z, record, estimate)
         try:
-            code = machine.step(*given)
+            code = machine.step(*given) if machine.stepped else machine.first_step(*given)
         except OSError:  # it is compiled, but the folder for it has become unwritable
             code = machine.step(*given)
         machine.stepped = True
@@ -209,8 +209,7 @@ def step(
     feed = feeding.feed(plan, measurement, clock, gap, values, np.zeros(1, int), usable)
     how = feeding.robust(imm, measurement, clock, values, trust)
     code, _, _ = machine(
-        lanes_for(B), plan.spec, plan.record, feed, how, records, np.empty((B, 0, 0)), NOWHERE,
-        0, B, 0, 0,
+        lanes_for(B), plan.spec, feed, how, records.reshape(-1), NOTHING, NOWHERE, 0, 0, B, 0, 0,
     )  # fmt: skip
     if code != FINE:  # which says what is wrong
         return imm.cycle(state, time, dt, imm.chain(dt), values.reshape(*batch, m), measurement)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from imm_tdoa.bank import Bank
 from imm_tdoa.contract import Array
 from imm_tdoa.kernel import feeding
@@ -28,7 +26,7 @@ def track_of(plan: Plan, whole: Array, times: Array, state: State, bank: Bank, k
         mode_means=means,
         mode_covariances=covariances,
         row_weight=said.row_weight,
-        lost=np.asarray(whole[..., at.lost] > 0.0),
+        lost=feeding.flag(plan, whole, at.lost),
         reopened=said.reopened,
         bank=bank,
         space=state.space,

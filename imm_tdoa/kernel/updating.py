@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 
 from imm_tdoa.contract import Array
-from imm_tdoa.kernel.vectors import Lanes, compiled, fill, get, log, put, sqrt
+from imm_tdoa.kernel.compiling import compiled
+from imm_tdoa.kernel.elementary import log
+from imm_tdoa.kernel.vectors import Lanes, anywhere, choose, fill, get, put, sqrt
 
 LOG_2PI = math.log(2.0 * math.pi)
 ROUNDING = (1e-13, 1e-11, 1e-9)  # as in imm_tdoa.gaussian
@@ -61,13 +63,17 @@ def factor(lanes: Lanes, M: Array, q: int, m: int, S: int, C: int, pivot: int) -
             else:
                 put(lanes, M, C + i * m + i, total)
                 put(lanes, M, pivot + i, 1.0 / sqrt(total))
+    unsound = fill(lanes, 0.0)
+    for i in range(q):
+        unsound = choose(get(lanes, M, C + i * m + i), unsound, 1.0)
     good = True
-    for lane in range(len(lanes)):
-        sound = True
-        for i in range(q):
-            sound = sound and M[C + i * m + i, lane] > 0.0
-        if not sound:
-            good = _lifted(M, q, m, S, C, pivot, lane) and good
+    if anywhere(unsound):
+        for lane in range(len(lanes)):
+            sound = True
+            for i in range(q):
+                sound = sound and M[C + i * m + i, lane] > 0.0
+            if not sound:
+                good = _lifted(M, q, m, S, C, pivot, lane) and good
     return good
 
 

@@ -15,14 +15,14 @@ from __future__ import annotations
 import operator
 from typing import Any
 
-import numba
 import numpy as np
 from llvmlite import ir
-from numba.core import cgutils, config, types
+from numba.core import cgutils, types
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 from imm_tdoa.contract import Array
+from imm_tdoa.kernel.compiling import SWITCHED_OFF
 
 LANES = (0,) * 16  # as many as give the widest registers enough to do
 FOUR, ONE = (0,) * 4, (0,)
@@ -46,7 +46,7 @@ class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
         super().__init__(dmm, fe_type, ir.VectorType(ir.DoubleType(), fe_type.width))
 
 
-def _splat(builder: Any, value: Any, width: int) -> Any:
+def splat(builder: Any, value: Any, width: int) -> Any:
     vector = ir.Constant(ir.VectorType(ir.DoubleType(), width), ir.Undefined)
     first = builder.insert_element(vector, value, ir.Constant(ir.IntType(32), 0))
     mask = ir.Constant(ir.VectorType(ir.IntType(32), width), [0] * width)
@@ -70,7 +70,7 @@ def _operation(op: Any, instruction: str) -> None:
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         width = sig.return_type.width
         a, b = (
-            value if isinstance(kind, VectorType) else _splat(builder, value, width)
+            value if isinstance(kind, VectorType) else splat(builder, value, width)
             for kind, value in zip(sig.args, args, strict=True)
         )
         return getattr(builder, instruction)(a, b, flags=CONTRACT)
@@ -127,7 +127,7 @@ def _put(typing: Any, lanes: Any, memory: Any, index: Any, value: Any) -> Any:
     def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         pointer = _pointer(context, builder, memory, args[1], args[2], width)
         whole = isinstance(kind, VectorType)
-        vector = args[3] if whole else _splat(builder, args[3], width)
+        vector = args[3] if whole else splat(builder, args[3], width)
         builder.store(vector, pointer, align=8)
         return context.get_dummy_value()
 
@@ -139,28 +139,23 @@ def _fill(typing: Any, lanes: Any, value: Any) -> Any:
     width = len(lanes)
 
     def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return _splat(builder, args[1], width)
+        return splat(builder, args[1], width)
 
     return VectorType(width)(lanes, types.float64), code
 
 
-def _each(name: str) -> Any:
-    """Return the function that applies an LLVM intrinsic lane by lane."""
+@intrinsic
+def _sqrt(typing: Any, value: Any) -> Any:
+    width = value.width
 
-    @intrinsic
-    def apply(typing: Any, value: Any) -> Any:
-        width = value.width
+    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        vector = ir.VectorType(ir.DoubleType(), width)
+        kind = ir.FunctionType(vector, [vector])
+        insert: Any = cgutils.get_or_insert_function
+        function = insert(builder.module, kind, f"llvm.sqrt.v{width}f64")
+        return builder.call(function, args)
 
-        def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            vector = ir.VectorType(ir.DoubleType(), width)
-            kind = ir.FunctionType(vector, [vector])
-            insert: Any = cgutils.get_or_insert_function
-            function = insert(builder.module, kind, f"llvm.{name}.v{width}f64")
-            return builder.call(function, args)
-
-        return value(value), code
-
-    return apply
+    return value(value), code
 
 
 @intrinsic
@@ -171,7 +166,7 @@ def _choose(typing: Any, mask: Any, yes: Any, no: Any) -> Any:
         zero = ir.Constant(ir.VectorType(ir.DoubleType(), width), [0.0] * width)
         test = builder.fcmp_ordered(">", args[0], zero)
         a, b = (
-            v if isinstance(k, VectorType) else _splat(builder, v, width)
+            v if isinstance(k, VectorType) else splat(builder, v, width)
             for k, v in zip(sig.args[1:], args[1:], strict=True)
         )
         return builder.select(test, a, b)
@@ -180,26 +175,70 @@ def _choose(typing: Any, mask: Any, yes: Any, no: Any) -> Any:
     return VectorType(width)(mask, *kinds), code
 
 
-def compiled(function: Any) -> Any:
-    """Compile a function that makes no arrays: it may leave the counting of references out.
+@intrinsic
+def _anywhere(typing: Any, mask: Any) -> Any:
+    width = mask.width
 
-    Counting takes an atomic instruction for each array argument of each call.
-    """
-    return _jit(function, _nrt=False)
+    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        zero = ir.Constant(ir.VectorType(ir.DoubleType(), width), [0.0] * width)
+        test = builder.fcmp_ordered(">", args[0], zero)
+        bits = builder.bitcast(test, ir.IntType(width))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(ir.IntType(width), 0))
 
-
-def allocating(function: Any) -> Any:
-    """Compile a function that makes arrays."""
-    return _jit(function)
-
-
-def _jit(function: Any, **options: Any) -> Any:
-    """Compile `function` when it is first called (`machine` keeps the machine code on disk)."""
-    # error_model: a division may give inf, without a branch
-    return numba.njit(nogil=True, error_model="numpy", fastmath={"contract"}, **options)(function)
+    return types.boolean(mask), code
 
 
-SWITCHED_OFF = bool(getattr(config, "DISABLE_JIT"))  # noqa: B009 - set at run time
+EIGHT = 8  # rows of the memory that `scatter` writes
+
+
+@intrinsic
+def _scatter(
+    typing: Any, lanes: Any, memory: Any, row: Any, out: Any, begin: Any, stride: Any, last: Any
+) -> Any:
+    width = len(lanes)
+    index = types.intp
+
+    def code(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        kind = ir.VectorType(ir.DoubleType(), width)
+        rows = [
+            builder.load(
+                _pointer(
+                    context, builder, memory, args[1],
+                    builder.add(args[2], context.get_constant(index, i)), width,
+                ),
+                align=8, typ=kind,
+            )
+            for i in range(EIGHT)
+        ]  # fmt: skip
+
+        def shuffled(a: Any, b: Any, order: Any) -> Any:
+            mask = ir.Constant(ir.VectorType(ir.IntType(32), len(order)), order)
+            return builder.shuffle_vector(a, b, mask)
+
+        half = width // 2
+        low = [i + side for i in range(half) for side in (0, width)]
+        high = [i + side for i in range(half, width) for side in (0, width)]
+        for _ in range(3 if width > 1 else 0):  # as one shuffles cards: 8 x L becomes L x 8
+            rows = [
+                shuffled(rows[i], rows[i + EIGHT // 2], order)
+                for i in range(EIGHT // 2)
+                for order in (low, high)
+            ]
+        piece = min(EIGHT, width)
+        data = context.make_array(out)(context, builder, args[3]).data
+        for k in range(EIGHT * width - piece, -1, -piece):  # the last lane after those left out
+            lane = context.get_constant(index, k // EIGHT)
+            own = builder.select(builder.icmp_signed("<", lane, args[6]), lane, args[6])
+            here = builder.add(builder.mul(own, args[5]), args[4])
+            here = builder.add(here, context.get_constant(index, k % EIGHT))
+            vector, first = rows[k // width], k % width
+            part = shuffled(vector, vector, [*range(first, first + piece)])
+            place = builder.bitcast(builder.gep(data, [here]), part.type.as_pointer())
+            builder.store(part, place, align=8)
+        return context.get_dummy_value()
+
+    return types.void(lanes, memory, index, out, index, index, index), code
+
 
 if SWITCHED_OFF:
 
@@ -219,7 +258,23 @@ if SWITCHED_OFF:
         """Return `yes` in the lanes where the mask is above zero, else `no`."""
         return np.where(mask > 0.0, yes, no)
 
-    sqrt, exp, log = np.sqrt, np.exp, np.log
+    def scatter(
+        lanes: Lanes, M: Array, row: int, out: Array, begin: int, stride: int, last: int
+    ) -> None:
+        """Write EIGHT rows of the memory to `out`, those of one lane side by side.
+
+        Lane i's begin at `begin` + i * `stride`; lanes after the `last` are left out.
+        """
+        for lane in range(last + 1):
+            here = begin + lane * stride
+            out[here : here + EIGHT] = M[row : row + EIGHT, lane]
+
+    def anywhere(mask: Vector) -> bool:
+        """Whether the mask is above zero in any lane."""
+        return bool(np.any(mask > 0.0))
+
+    sqrt = np.sqrt
 else:
     get, put, fill, choose = _get, _put, _fill, _choose  # type: ignore[assignment]
-    sqrt, exp, log = _each("sqrt"), _each("exp"), _each("log")
+    anywhere, scatter = _anywhere, _scatter  # type: ignore[assignment]
+    sqrt = _sqrt  # type: ignore[assignment]

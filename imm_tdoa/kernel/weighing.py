@@ -8,8 +8,10 @@ import numpy as np
 
 from imm_tdoa.contract import Array, Index
 from imm_tdoa.kernel import updating
+from imm_tdoa.kernel.compiling import compiled
+from imm_tdoa.kernel.elementary import exp, finite, log
 from imm_tdoa.kernel.memory import Where
-from imm_tdoa.kernel.vectors import Lanes, compiled, exp, fill, get, log, put
+from imm_tdoa.kernel.vectors import Lanes, anywhere, choose, fill, get, put
 
 
 @compiled
@@ -45,23 +47,23 @@ def judge(lanes: Lanes, M: Array, at: Where, q: int) -> bool:
 @compiled
 def weigh(lanes: Lanes, M: Array, at: Where) -> int:
     """New mode probabilities and log-likelihood; the first lane that no mode explains, or -1."""
-    for lane in range(len(lanes)):
-        top = -np.inf
-        for j in range(at.r):
-            M[at.log_p + j, lane] = M[at.log_c + j, lane] + M[at.log_l + j, lane]
-            top = max(top, M[at.log_p + j, lane])
-        M[at.top, lane] = top
-    top = get(lanes, M, at.top)
+    top = fill(lanes, -np.inf)
+    for j in range(at.r):
+        log_p = get(lanes, M, at.log_c + j) + get(lanes, M, at.log_l + j)
+        put(lanes, M, at.log_p + j, log_p)
+        top = choose(log_p - top, log_p, top)
     total = fill(lanes, 0.0)
     for j in range(at.r):
         total = total + exp(get(lanes, M, at.log_p + j) - top)
     total = log(total) + top
     for j in range(at.r):
         put(lanes, M, at.log_p + j, get(lanes, M, at.log_p + j) - total)
-    put(lanes, M, at.total, get(lanes, M, at.total) + total)
-    for lane in range(len(lanes)):
-        if not math.isfinite(M[at.total, lane]):
-            return lane
+    total = total + get(lanes, M, at.total)
+    put(lanes, M, at.total, total)
+    if anywhere(choose(finite(total), 0.0, 1.0)):
+        for lane in range(len(lanes)):
+            if not math.isfinite(M[at.total, lane]):
+                return lane
     return -1
 
 

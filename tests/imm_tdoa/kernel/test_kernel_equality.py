@@ -17,6 +17,7 @@ from kernel_cases import (
 from numpy.testing import assert_allclose
 
 from imm_tdoa import IMM, Bank
+from imm_tdoa.kernel import running
 from imm_tdoa.kernel.machine import machine
 from imm_tdoa.models import (
     TDOA,
@@ -300,3 +301,18 @@ def test_a_scan_that_no_mode_explains():
     assert_engines_agree(case._replace(values=values))
     one = case._replace(values=values[4], start=case.imm.start(0.0, [0.0, 0.0], np.eye(2)))
     assert_engines_agree(one)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_of_several_that_no_mode_explains_the_earliest_scan_is_named(threads, monkeypatch):
+    """And of its targets the first, with the time that is its own."""
+    monkeypatch.setattr(running, "CHUNK", 32)
+    times, values, at = made_up(tdoa(), 70)
+    for target, scan in ((3, 5), (40, 2), (41, 2), (66, 2), (69, 3)):
+        values[target, scan, 1] = 1e200
+    own = times + 0.01 * np.arange(70)[:, None]
+    imm = IMM(BANK, tdoa())
+    case = Case(imm, own, values, imm.start(0.0, at, 900.0 * np.eye(2)))
+    with pytest.raises(ValueError, match=r"at time 3\.4 s no mode can explain"):
+        case.run("compiled", threads=threads)
+    assert_engines_agree(case, threads=threads)

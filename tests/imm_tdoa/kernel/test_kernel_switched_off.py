@@ -91,7 +91,7 @@ def tracks(tmp_path_factory):
 
 def write(path: str) -> None:
     """Run all cases in this process, by the compiled engine's source."""
-    from imm_tdoa.kernel.vectors import SWITCHED_OFF
+    from imm_tdoa.kernel.compiling import SWITCHED_OFF
 
     assert SWITCHED_OFF
     with np.errstate(all="ignore"):  # a mode of no probability: what is compiled does not warn
