@@ -43,10 +43,9 @@ def choose(imm: IMM, targets: int, scans: int, engine: Engine) -> Literal["numpy
                 f"engine: the compiled engine does not support {reason}; use 'auto' or 'numpy'"
             )
         return "compiled"
-    if reason is not None or os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
-        return "numpy"
     seconds = scans * len(imm.bank) * (A_MODE + A_TARGET * targets) * SLOWER[imm.robust]
-    if seconds < WORTH_LOADING and "imm_tdoa.kernel.machine" not in sys.modules:
+    unready = "imm_tdoa.kernel.machine" not in sys.modules
+    if reason is not None or (unready and seconds < WORTH_LOADING) or _switched_off():
         return "numpy"
     from imm_tdoa.kernel.machine import machine
     from imm_tdoa.kernel.running import lanes_for
@@ -54,6 +53,11 @@ def choose(imm: IMM, targets: int, scans: int, engine: Engine) -> Literal["numpy
     kind = lanes_for(targets), imm.robust is not None
     soon = seconds >= WORTH_LOADING and machine.on_disk(*kind)
     return "compiled" if machine.ready(*kind) or soon or seconds >= WORTH_COMPILING else "numpy"
+
+
+def _switched_off() -> bool:
+    """Whether Numba is told not to compile: then the kernel would be slower than NumPy."""
+    return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 
 
 def ready_to_step() -> bool:

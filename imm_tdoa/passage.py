@@ -36,8 +36,8 @@ def through(
         How many the compiled engine computes in.
     """
     begin = int(first.min())
-    rows = np.arange(max(begin, 0), scans.count)
-    rows = rows[kept_rows(keep, len(rows))]
+    shift = max(begin, 0)
+    rows = shift + kept_rows(keep, scans.count - shift)
     times, bank = scans.times[..., rows], imm.cycle.bank
     if engine == "numpy":
         states = _by_numpy(imm, scans, state, first, rows)

@@ -221,7 +221,7 @@ def _clock(scans: Scans, state: State, first: Index, begin: int) -> tuple[Array,
     """Times (1 | B, T) of the scans, steps between them, and the first scan (1 | B,) taken in."""
     T = scans.count
     begun = np.asarray(state.time)
-    alone = scans.times.ndim == 1 and bool(np.all(first == begin))
+    alone = scans.times.ndim == 1 and bool((first == begin).all())
     if alone and (begun.ndim == 0 or np.all(begun == begun.flat[0])):
         times, begun, since = scans.times[None], begun.reshape(-1)[:1], np.array([begin + 1])
     else:
@@ -229,7 +229,7 @@ def _clock(scans: Scans, state: State, first: Index, begin: int) -> tuple[Array,
         times = np.broadcast_to(scans.times, (*batch, T)).reshape(-1, T)
         begun, since = np.broadcast_to(begun, batch).reshape(-1), first.reshape(-1) + 1
     times = np.maximum(times, begun[:, None])
-    dt = np.zeros_like(times)
+    dt = np.zeros(times.shape)
     if begin + 1 < T:
         dt[:, begin + 1] = times[:, begin + 1] - begun
         dt[:, begin + 2 :] = times[:, begin + 2 :] - times[:, begin + 1 : -1]
