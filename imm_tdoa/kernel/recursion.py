@@ -50,7 +50,7 @@ def run(
     out : (B * stride,)
         Filled with the records after the scans that are kept, `stride` numbers to each target.
     kept : (T,)
-        The how manieth of these each scan's record is; -1: none.
+        Which of these records each scan's is; -1: none.
 
     Returns
     -------

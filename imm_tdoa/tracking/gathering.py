@@ -32,7 +32,6 @@ from imm_tdoa.tracking.standing import TOLD, UNKNOWN, WINDOW
 STORIES = 60  # places told of in one scan, those that can be likeliest
 CREDIBLE = 0.0  # log-odds of the rows being one emitter's, under which nothing begins
 SURE = 5.0  # a story that much likelier than another that shares values with it displaces it
-
 SAME = 9.0  # squared distance, in standard deviations, within which two stories are one
 
 
