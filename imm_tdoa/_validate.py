@@ -44,9 +44,9 @@ def array(
         batch = len(shape) > 0 and shape[0] is None
         wanted = list(shape[1:] if batch else shape)
         got = result.shape[result.ndim - len(wanted) :] if batch else result.shape
-        fits = len(got) == len(wanted) and all(
-            not isinstance(w, int) or w == g for w, g in zip(wanted, got, strict=True)
-        )
+        fits = len(got) == len(wanted)
+        for want, there in zip(wanted, got, strict=False):
+            fits = fits and (want == there or not isinstance(want, int))
         if not fits or (batch and result.ndim < len(wanted)):
             text = ", ".join(str(w) for w in wanted) + ("," if len(wanted) == 1 else "")
             text = f"({'..., ' if batch else ''}{text})"

@@ -36,6 +36,7 @@ def through(
         How many the compiled engine computes in.
     """
     begin = int(first.min())
+    alike = begin == int(first.max())
     shift = max(begin, 0)
     rows = shift + kept_rows(keep, scans.count - shift)
     times, bank = scans.times[..., rows], imm.cycle.bank
@@ -48,12 +49,10 @@ def through(
 
         kept = np.full(scans.count, -1)
         kept[rows] = np.arange(len(rows))
-        records = run(imm, imm.plan, scans, state, first, kept, threads)
+        records = run(imm, imm.plan, scans, state, first, alike, kept, threads)
         whole = records.reshape(*first.shape, *records.shape[1:])
         track = track_of(imm.plan, whole, times, state, bank, keep)
-    if begin == int(first.max()):
-        return track
-    return track.blanked(rows < first[..., None])
+    return track if alike else track.blanked(rows < first[..., None])
 
 
 def _by_numpy(imm: IMM, scans: Scans, state: State, first: Index, rows: Index) -> list[State]:

@@ -214,14 +214,10 @@ def records(
         whole[..., squares[j] : squares[j + 1]] = P.reshape(*P.shape[:-2], -1)
     whole[..., at.log_p : at.log_likelihood] = state.log_mode_probability
     whole[..., at.log_likelihood] = state.log_likelihood
-    taken = state.taken
     if anew:
-        whole[..., at.nis] = np.nan
-        whole[..., at.mode_nis : at.lost] = np.nan
-        whole[..., at.dof] = 0.0
-        whole[..., at.mode_log_likelihood : at.mode_nis] = 0.0
-        whole[..., at.lost :] = 0.0
+        whole[..., at.nis :] = plan.nothing_taken
         return
+    taken = state.taken
     whole[..., at.nis] = taken.nis
     whole[..., at.dof] = taken.nis_dof
     whole[..., at.mode_log_likelihood : at.mode_nis] = taken.mode_log_likelihood
@@ -250,13 +246,13 @@ def trusts(plan: Plan, state: State, batch: tuple[int, ...]) -> Array:
 def modes(plan: Plan, whole: Array, offset: int = 0) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
     """Return views of the modes' means (..., n) and covariances (..., n, n) in records."""
     means, squares = plan.sizes
-    n = plan.spec.n.tolist()
-    xs = tuple(whole[..., offset + means[j] : offset + means[j + 1]] for j in range(len(n)))
-    Ps = tuple(
-        whole[..., offset + squares[j] : offset + squares[j + 1]].reshape(*whole.shape[:-1], k, k)
-        for j, k in enumerate(n)
-    )
-    return xs, Ps
+    xs, Ps = [], []
+    for j in range(len(means) - 1):
+        k = means[j + 1] - means[j]
+        xs.append(whole[..., offset + means[j] : offset + means[j + 1]])
+        P = whole[..., offset + squares[j] : offset + squares[j + 1]]
+        Ps.append(P.reshape(*whole.shape[:-1], k, k))
+    return tuple(xs), tuple(Ps)
 
 
 def taken(plan: Plan, whole: Array) -> Taken:

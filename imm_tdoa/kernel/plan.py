@@ -178,3 +178,12 @@ class Plan:
         means = tuple(itertools.accumulate(n, initial=0))
         squares = tuple(itertools.accumulate((k * k for k in n), initial=means[-1]))
         return means, squares
+
+    @cached_property
+    def nothing_taken(self) -> Array:
+        """What a record says of its last scan, from `nis` on, where there was none."""
+        at = self.record
+        blank = np.zeros(at.size)
+        blank[at.nis] = np.nan
+        blank[at.mode_nis : at.lost] = np.nan
+        return blank[at.nis :]

@@ -58,7 +58,7 @@ class _Failure(NamedTuple):
         )
 
 
-@attrs.frozen(eq=False)
+@attrs.define(eq=False)  # a frozen one takes a few microseconds more to make
 class _Job:
     """Part of the targets, all scans."""
 
@@ -128,6 +128,7 @@ def run(
     scans: Scans,
     state: State,
     first: Index,
+    alike: bool,
     kept: Index,
     threads: int | None,
 ) -> Array:
@@ -135,6 +136,8 @@ def run(
 
     Parameters
     ----------
+    alike : bool
+        Whether these are the same of every target.
     kept : (T,)
         Which of the K records kept each scan's is; -1: none.
     threads : int, optional
@@ -147,8 +150,8 @@ def run(
     """
     batch, T, m = first.shape, scans.count, scans.measurement.size
     B = math.prod(batch)
-    begin = int(first.min())
-    times, dt, since = _clock(scans, state, first, begin)
+    begin = int(first.flat[0] if alike else first.min())
+    times, dt, since = _clock(scans, state, first, alike)
     values = scans.values
     if values.shape[:-2] != batch and math.prod(values.shape[:-2]) > 1:
         values = np.broadcast_to(values, (*batch, T, m))
@@ -217,12 +220,11 @@ def run(
     return out
 
 
-def _clock(scans: Scans, state: State, first: Index, begin: int) -> tuple[Array, Array, Index]:
+def _clock(scans: Scans, state: State, first: Index, alike: bool) -> tuple[Array, Array, Index]:
     """Times (1 | B, T) of the scans, steps between them, and the first scan (1 | B,) taken in."""
     T = scans.count
-    begun = np.asarray(state.time)
-    alone = scans.times.ndim == 1 and bool((first == begin).all())
-    if alone and (begun.ndim == 0 or np.all(begun == begun.flat[0])):
+    begun, begin = np.asarray(state.time), int(first.flat[0] if alike else first.min())
+    if alike and scans.times.ndim == 1 and (begun.ndim == 0 or np.all(begun == begun.flat[0])):
         times, begun, since = scans.times[None], begun.reshape(-1)[:1], np.array([begin + 1])
     else:
         batch = first.shape
