@@ -47,6 +47,8 @@ def through(
         from imm_tdoa.kernel.running import run
         from imm_tdoa.kernel.tracking import track_of
 
+        if scans.measurement.size != imm.measurement.size:  # other pairs, and not as many
+            imm = attrs.evolve(imm, measurement=scans.measurement)
         kept = np.full(scans.count, -1)
         kept[rows] = np.arange(len(rows))
         records = run(imm, imm.plan, scans, state, first, alike, kept, threads)

@@ -58,7 +58,8 @@ def weigh(lanes: Lanes, M: Array, at: Where) -> int:
     total = log(total) + top
     for j in range(at.r):
         put(lanes, M, at.log_p + j, get(lanes, M, at.log_p + j) - total)
-    total = total + get(lanes, M, at.total)
+    said = choose(get(lanes, M, at.heard), total, 0.0)  # what is not heard says nothing at all
+    total = get(lanes, M, at.total) + said
     put(lanes, M, at.total, total)
     if anywhere(choose(finite(total), 0.0, 1.0)):
         for lane in range(len(lanes)):

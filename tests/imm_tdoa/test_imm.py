@@ -234,11 +234,11 @@ def test_run_is_the_steps():
     z = truth_values(np.random.default_rng(0), t, imm.measurement.pairs)
     z[1, 2:], z[2, :2], z[3] = np.nan, np.nan, np.nan
     state = imm.start(0.0, [700.0, 900.0], 100.0 * np.eye(2))
-    track = imm.run(t, z, start=state)
+    track = imm.run(t, z, start=state, engine="numpy")
     assert track.mean.shape == (5, 6)
     assert track.modes == imm.bank.names
     for k in range(5):
-        state = imm.step(state, t[k], z[k])
+        state = imm.step(state, t[k], z[k], engine="numpy")
         assert_allclose(track.mean[k], state.mean, rtol=1e-14)
         assert_allclose(track.covariance[k], state.covariance, rtol=1e-13)
         assert_allclose(track.mode_probability[k], state.mode_probability, rtol=1e-14)
@@ -292,12 +292,14 @@ def test_another_measurement_or_other_pairs_for_one_scan():
     imm = imm_2d()
     start = imm.start(0.0, [700.0, 900.0], 100.0 * np.eye(2))
     fix = imm.step(start, 1.0, [700.0, 900.0], measurement=Position(5.0))
-    direct = IMM(imm.bank, Position(5.0)).step(start, 1.0, [700.0, 900.0])
+    direct = IMM(imm.bank, Position(5.0)).step(start, 1.0, [700.0, 900.0], engine="numpy")
     assert_array_equal(fix.mean, direct.mean)
     one = np.array([[3, 1]])
     z = range_differences(np.array([710.0, 890.0]), CORNERS, one)[0] / C
     by_pair = imm.step(start, 1.0, z, pairs=one)
-    other = IMM(imm.bank, TDOA(STATIONS, toa_sigma=SIGMA, pairs=one)).step(start, 1.0, z)
+    other = IMM(imm.bank, TDOA(STATIONS, toa_sigma=SIGMA, pairs=one)).step(
+        start, 1.0, z, engine="numpy"
+    )
     assert_array_equal(by_pair.mean, other.mean)
     assert by_pair.nis_dof == 1
 
@@ -308,10 +310,10 @@ def test_pairs_that_change_from_scan_to_scan():
     pairs = np.array([[[1, 0]], [[2, 1]], [[3, 4]], [[4, 0]], [[3, 1]], [[2, 0]]])
     z = np.concatenate([truth_values(np.random.default_rng(k), [t[k]], pairs[k]) for k in range(6)])
     start = imm.start(0.0, [700.0, 900.0], 100.0 * np.eye(2))
-    track = imm.run(t, z, start=start, pairs=pairs)
+    track = imm.run(t, z, start=start, pairs=pairs, engine="numpy")
     state = start
     for k in range(6):
-        state = imm.step(state, t[k], z[k], pairs=pairs[k])
+        state = imm.step(state, t[k], z[k], pairs=pairs[k], engine="numpy")
     assert_allclose(track.mean[-1], state.mean, rtol=1e-13)
     assert_allclose(track.log_likelihood[-1], state.log_likelihood, rtol=1e-13)
 

@@ -93,7 +93,8 @@ def test_one_mode_is_the_plain_filter_however_merged(seed, merging):
     tracks = []
     for how in ("imm", merging):
         imm = IMM(Bank([ConstantVelocity(psd=1.0)]), Position(1.0, dims=2), merging=how)
-        tracks.append(imm.run(times, z, start=imm.start(0.0, [0.0, 0.0], np.eye(2))))
+        start = imm.start(0.0, [0.0, 0.0], np.eye(2))
+        tracks.append(imm.run(times, z, start=start, engine="numpy"))
     assert np.array_equal(tracks[0].mean, tracks[1].mean)
     assert np.array_equal(tracks[0].covariance, tracks[1].covariance)
 

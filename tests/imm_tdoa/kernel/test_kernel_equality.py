@@ -216,6 +216,8 @@ def test_pairs_that_change(moving):
             z[rng.random(z.shape) < 0.1] = np.nan
             start = imm.start(0.0, at, 900.0 * np.eye(2))
             assert_engines_agree(Case(imm, times, z, start, pairs))
+            other = IMM(BANK, measurement)  # of four rows itself
+            assert_engines_agree(Case(other, times, z, start, pairs))
 
 
 def test_targets_share_what_is_the_same_for_all():
