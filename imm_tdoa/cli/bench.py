@@ -57,7 +57,7 @@ def bench(
 
         imm-tdoa bench --only batch --only streaming
 
-    The whole takes about five minutes; the very first time, compiling is added. Every figure is
+    The whole takes about seven minutes; the very first time, compiling is added. Every figure is
     the median of several repetitions (the smallest and the largest stand beside it), and ratios
     are of things timed in turns.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from imm_tdoa.bank import Bank
 from imm_tdoa.contract import Array
 from imm_tdoa.kernel import feeding
@@ -14,20 +16,19 @@ def track_of(plan: Plan, whole: Array, times: Array, state: State, bank: Bank, k
     """Return the track of records (..., K, size) after scans at `times` (K,) or (..., K)."""
     at = plan.record
     means, covariances = feeding.modes(plan, whole)
-    said = feeding.taken(plan, whole)
     return Track(
         times=times,
         log_mode_probability=whole[..., at.log_p : at.log_likelihood],
         log_likelihood=whole[..., at.log_likelihood],
-        nis=said.nis,
-        nis_dof=said.nis_dof,
-        mode_log_likelihood=said.mode_log_likelihood,
-        mode_nis=said.mode_nis,
+        nis=whole[..., at.nis],
+        nis_dof=whole[..., at.dof].astype(np.int64),
+        mode_log_likelihood=whole[..., at.mode_log_likelihood : at.mode_nis],
+        mode_nis=whole[..., at.mode_nis : at.row_weight],
         mode_means=means,
         mode_covariances=covariances,
-        row_weight=said.row_weight,
+        row_weight=whole[..., at.row_weight : at.lost],
         lost=feeding.flag(plan, whole, at.lost),
-        reopened=said.reopened,
+        reopened=feeding.flag(plan, whole, at.reopened),
         bank=bank,
         space=state.space,
         modes=state.modes,
