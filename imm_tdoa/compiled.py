@@ -5,11 +5,12 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from imm_tdoa.engine import Engine, ready_to_step
+from imm_tdoa.engine import Engine, loaded, ready_to_step
 from imm_tdoa.kernel.plan import Plan, why_not
 
 if TYPE_CHECKING:
     from imm_tdoa.imm import IMM
+    from imm_tdoa.kernel.brief import Runner
     from imm_tdoa.kernel.stepping import Stepper
 
 
@@ -51,3 +52,20 @@ class Compiled:
         if engine == "auto" and "_stepper" not in self.__dict__ and not ready_to_step():
             return None
         return self._stepper
+
+    @cached_property
+    def _runner(self) -> Runner | None:
+        if self.why_not is not None:
+            return None
+        from imm_tdoa.kernel.brief import Runner
+
+        return Runner(self.imm) if Runner.fits(self.imm) else None
+
+    def runner(self, engine: Engine) -> Runner | None:
+        """Return what takes few targets through a short recording quickly, where there is such.
+
+        With ``"auto"`` only where the compiled engine is loaded: nothing short waits for it.
+        """
+        if engine != "compiled" and not (engine == "auto" and loaded()):
+            return None
+        return self._runner

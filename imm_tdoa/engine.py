@@ -44,8 +44,7 @@ def choose(imm: IMM, targets: int, scans: int, engine: Engine) -> Literal["numpy
             )
         return "compiled"
     seconds = scans * len(imm.bank) * (A_MODE + A_TARGET * targets) * SLOWER[imm.robust]
-    unready = "imm_tdoa.kernel.machine" not in sys.modules
-    if reason is not None or (unready and seconds < WORTH_LOADING) or _switched_off():
+    if reason is not None or (not loaded() and seconds < WORTH_LOADING) or _switched_off():
         return "numpy"
     from imm_tdoa.kernel.machine import machine
     from imm_tdoa.kernel.running import lanes_for
@@ -58,6 +57,11 @@ def choose(imm: IMM, targets: int, scans: int, engine: Engine) -> Literal["numpy
 def _switched_off() -> bool:
     """Whether Numba is told not to compile: then the kernel would be slower than NumPy."""
     return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+
+
+def loaded() -> bool:
+    """Whether this process has loaded what the compiled engine is compiled by."""
+    return "imm_tdoa.kernel.machine" in sys.modules
 
 
 def ready_to_step() -> bool:

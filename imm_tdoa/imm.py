@@ -318,6 +318,11 @@ class IMM:
             Decreasing times, shapes that do not fit, values that determine no position, a bank
             that the compiled engine does not support where it is demanded.
         """
+        if start is not None and pairs is None and keep == "all" and threads in (None, 1):
+            quick = self._compiled.runner(engine)
+            done = None if quick is None else quick.take(times, values, start, engine != "auto")
+            if done is not None:
+                return done
         scans = Scans.checked(self.measurement, times, values, pairs)
         if threads is not None and (not isinstance(threads, int) or threads < 1):
             raise ValueError(f"threads: expected a number, 1 or more, got {threads!r}")

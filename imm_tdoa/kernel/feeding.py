@@ -43,7 +43,8 @@ def plain(array: Any) -> Any:
 
 def untouchable(array: Any) -> Array:
     """Return a contiguous view that may not be written to; see `plain`. Large arrays stay as is."""
-    result = np.ascontiguousarray(array, dtype=float).view()
+    result = np.ascontiguousarray(array, dtype=float)
+    result = result.view() if result.flags.aligned else result.copy()
     result.setflags(write=False)
     return result
 

@@ -94,8 +94,8 @@ class Machine:
         self.step = _step_entry(DIGEST, False)
 
     def ready(self, lanes: Lanes, robust: bool) -> bool:
-        """Whether this process has it compiled or loaded."""
-        return (len(lanes), robust) in self._ready
+        """Whether this process has it compiled or loaded; never where that is switched off."""
+        return not SWITCHED_OFF and (len(lanes), robust) in self._ready
 
     def on_disk(self, lanes: Lanes, robust: bool) -> bool:
         """Whether an earlier process left it compiled, to be loaded within a second."""

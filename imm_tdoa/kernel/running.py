@@ -6,7 +6,7 @@ import math
 import os
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import attrs
@@ -25,7 +25,8 @@ from imm_tdoa.state import State
 if TYPE_CHECKING:
     from imm_tdoa.imm import IMM
 
-CHUNK = 4096  # targets whose arrays are made at a time
+CHUNK = 4096  # targets whose arrays are made at a time, at most
+PIECE = 32_768  # steps of a target that a worker takes at a time: few milliseconds
 FEW, SEVERAL = 2, 8  # targets that are quicker one by one, or four by four
 
 
@@ -158,7 +159,9 @@ def run(
     values = values.reshape(-1, T, m)
     K = int(kept.max()) + 1
     records = np.empty((B, plan.record.size))
-    feeding.records(plan, state, batch, records, anew=True)
+    shares = state.log_likelihood.ndim == 0 and begin < 0  # all begin alike; workers fill them in
+    begun = np.empty(plan.record.size) if shares else records
+    feeding.records(plan, state, () if shares else batch, begun, anew=True)
     out = records[:, None] if K == 1 and kept[-1] == 0 else np.empty((B, K, plan.record.size))
     if begin >= 0 and kept[begin] >= 0:
         out[:, kept[begin]] = records
@@ -168,9 +171,8 @@ def run(
         pairs = np.broadcast_to(pairs, (*batch, *pairs.shape[-3:])).reshape(B, *pairs.shape[-3:])
     lanes = lanes_for(B)
     L = len(lanes)
-    workers = processors() if threads is None else threads
-    size = min(CHUNK, -(-B // workers))
-    size = max(-(-size // L) * L, L)
+    workers = min(processors(), 1 + B * T // PIECE) if threads is None else threads
+    size = _share(B, T, workers, L)
     shared: Feed | None = None
     if len(times) == 1 and pairs is None:
         shared = feeding.template(plan)
@@ -180,6 +182,8 @@ def run(
 
     def job(a: int) -> _Job:
         part = slice(a, min(a + size, B))
+        if shares:
+            records[part] = begun
 
         def own(array: Any) -> Any:
             return array[part] if len(array) > 1 else array
@@ -220,6 +224,14 @@ def run(
     return out
 
 
+def _share(targets: int, scans: int, workers: int, lanes: int) -> int:
+    """How many targets a worker takes at a time, in whole blocks, so that all end together."""
+    most = CHUNK if workers == 1 else min(CHUNK, max(PIECE // scans, 1))
+    rounds = -(-targets // (workers * most))
+    size = -(-targets // (workers * rounds))
+    return -(-size // lanes) * lanes
+
+
 def _clock(scans: Scans, state: State, first: Index, alike: bool) -> tuple[Array, Array, Index]:
     """Times (1 | B, T) of the scans, steps between them, and the first scan (1 | B,) taken in."""
     T = scans.count
@@ -239,16 +251,34 @@ def _clock(scans: Scans, state: State, first: Index, alike: bool) -> tuple[Array
 
 
 def _work(begins: list[int], job: Callable[[int], _Job], workers: int) -> list[_Failure]:
-    """Do the jobs, no more of them prepared at a time than are soon worked on."""
-    results: list[_Failure | None] = []
-    if len(begins) == 1 or workers == 1:
-        results += [job(a)() for a in begins]
+    """Do the jobs; each worker, this thread among them, takes the next when it has done one."""
+    todo, failures = deque(begins), []
+
+    def work() -> None:
+        try:
+            while (a := _next(todo)) is not None:
+                failure = job(a)()
+                if failure is not None:
+                    failures.append(failure)
+        except BaseException:
+            todo.clear()
+            raise
+
+    helpers = min(workers, len(begins)) - 1
+    if helpers == 0:
+        work()
     else:
-        with ThreadPoolExecutor(min(workers, len(begins))) as pool:
-            open_jobs: deque[Future[_Failure | None]] = deque()
-            for a in begins:
-                open_jobs.append(pool.submit(job(a)))
-                if len(open_jobs) > 2 * workers:
-                    results.append(open_jobs.popleft().result())
-            results += [future.result() for future in open_jobs]
-    return [failure for failure in results if failure is not None]
+        with ThreadPoolExecutor(helpers) as pool:
+            others = [pool.submit(work) for _ in range(helpers)]
+            work()
+        for other in others:
+            other.result()
+    return failures
+
+
+def _next(todo: deque[int]) -> int | None:
+    """Take the next, unless another worker has just taken the last."""
+    try:
+        return todo.popleft()
+    except IndexError:
+        return None

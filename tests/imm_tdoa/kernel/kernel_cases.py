@@ -267,14 +267,19 @@ BATCHES = (
     Batch((3, 6), (3, 6), ()),
     Batch((19,), (19,), (19,)),
 )
+FEW = tuple(Batch(axes, axes, ()) for axes in ((), (1,), (3,), (2, 4)))
 NOT_FOUR = tuple(  # those that are not computed four by four
     b for b in BATCHES if not 3 <= np.prod(np.broadcast_shapes(*b)) <= 8
 )
 
 
 @st.composite
-def cases(draw: st.DrawFn, rule: str | None = None) -> Case:
+def cases(
+    draw: st.DrawFn, rule: str | None = None, batches: tuple[Batch, ...] | None = None
+) -> Case:
     """A bank on a measurement and some scans of a batch of targets, most of them plausible."""
+    if batches is None:
+        batches = BATCHES if rule is None else NOT_FOUR
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     dims = draw(st.sampled_from([1, 2, 2, 3]))
     measurement = draw(measurements(dims, rng))
@@ -285,7 +290,7 @@ def cases(draw: st.DrawFn, rule: str | None = None) -> Case:
         robust=rule,  # type: ignore[arg-type]
         reopen_after=2,
     )
-    batch = draw(st.sampled_from(BATCHES if rule is None else NOT_FOUR))
+    batch = draw(st.sampled_from(batches))
     T = draw(st.integers(1, len(TIMES)))
     times = np.broadcast_to(TIMES[:T], (*batch.times, T)).copy()
     if batch.times:  # each target hears some of the scans at times of its own
