@@ -5,6 +5,9 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import attrs
+
+from imm_tdoa.contract import MeasurementModel
 from imm_tdoa.engine import Engine, loaded, ready_to_step
 from imm_tdoa.kernel.plan import Plan, why_not
 
@@ -12,6 +15,8 @@ if TYPE_CHECKING:
     from imm_tdoa.imm import IMM
     from imm_tdoa.kernel.brief import Runner
     from imm_tdoa.kernel.stepping import Stepper
+
+REMEMBERED = 8  # other measurements
 
 
 class Compiled:
@@ -25,6 +30,7 @@ class Compiled:
 
     def __init__(self, imm: IMM) -> None:
         self.imm = imm
+        self._others: dict[int, IMM] = {}
 
     @cached_property
     def why_not(self) -> str | None:
@@ -35,6 +41,19 @@ class Compiled:
     def plan(self) -> Plan:
         """What the recursion is told."""
         return Plan.of(self.imm)
+
+    def on(self, measurement: MeasurementModel) -> IMM:
+        """Return this IMM on another measurement; a few are remembered with what is kept of them.
+
+        Scans of several kinds often take turns.
+        """
+        known = self._others.get(id(measurement))
+        if known is None or known.measurement is not measurement:
+            if len(self._others) >= REMEMBERED:
+                self._others.clear()
+            known = attrs.evolve(self.imm, measurement=measurement)
+            self._others[id(measurement)] = known
+        return known
 
     @cached_property
     def _stepper(self) -> Stepper | None:

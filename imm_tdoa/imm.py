@@ -9,20 +9,19 @@ from typing import Any
 import attrs
 import numpy as np
 
-from imm_tdoa import _validate, initiation
+from imm_tdoa import _validate, initiation, starting
 from imm_tdoa.bank import Bank
 from imm_tdoa.compiled import Compiled
-from imm_tdoa.contract import AXES, Array, MeasurementModel
+from imm_tdoa.contract import Array, MeasurementModel
 from imm_tdoa.cycle import ROBUST, UPDATES, Cycle, RobustRule, UpdateRule
 from imm_tdoa.engine import ENGINES, Engine, choose
 from imm_tdoa.keeping import kept_rows
 from imm_tdoa.kernel.plan import Plan
 from imm_tdoa.mixing import MERGING, Merging
 from imm_tdoa.passage import through
-from imm_tdoa.reopening import Trust
 from imm_tdoa.scans import Scans
-from imm_tdoa.state import State, Taken
-from imm_tdoa.statespace import StateSpace, apply_lift, lift
+from imm_tdoa.state import State
+from imm_tdoa.statespace import StateSpace
 from imm_tdoa.track import Track
 
 
@@ -142,47 +141,7 @@ class IMM:
             Wrong lengths, unknown or repeated components, numbers that are not finite, a
             covariance that is not symmetric positive semi-definite.
         """
-        space = self.space
-        mean = _validate.array("mean", mean, (None, "n"))
-        n = mean.shape[-1]
-        if components is None:
-            if n not in (space.dims, len(space.components)):
-                raise ValueError(
-                    f"mean: expected {space.dims} components (position) or "
-                    f"{len(space.components)} ({', '.join(space.components)}), got {n}"
-                )
-            components = AXES[:n] if n == space.dims else space.components
-        components = tuple(components)
-        given = set(components)
-        fit = set(AXES[: space.dims]) <= given <= set(space.components)
-        if not fit or len(given) != len(components) or len(components) != n:
-            raise ValueError(
-                f"components: expected {n} of {', '.join(space.components)}, the position among "
-                f"them, got {components}"
-            )
-        P = _validate.covariance("covariance", covariance, n)
-        time = _validate.array("time", time)
-        batch = _validate.fitting(mean=mean.shape[:-1], covariance=P.shape[:-2], time=time.shape)
-        mean = np.broadcast_to(mean, (*batch, n))
-        P = np.broadcast_to(P, (*batch, n, n))
-        parts = [
-            apply_lift(lift(components, mode, self.bank.birth_std), mean, P, None)
-            for mode in space.modes
-        ]
-        with np.errstate(divide="ignore"):
-            log_p = np.broadcast_to(np.log(self.bank.prior), (*batch, len(self.bank)))
-        means, covariances = tuple(x for x, _ in parts), tuple(c for _, c in parts)
-        return State(
-            time=time,
-            means=means,
-            covariances=covariances,
-            log_mode_probability=log_p,
-            log_likelihood=np.zeros(batch),
-            taken=Taken.nothing(batch, len(self.bank), self.measurement.size),
-            trust=Trust.full(time, means, covariances, log_p),
-            space=space,
-            modes=self.bank.names,
-        )
+        return starting.start(self, time, mean, covariance, components)
 
     def step(
         self,
@@ -239,12 +198,12 @@ class IMM:
         )
         _validate.refuse_backwards("time", "state", state.time, time)
         dt = time - state.time
-        own = own and measurement.size == self.measurement.size
-        chosen = choose(self, math.prod(batch), 1, engine)
-        if chosen == "compiled" and own:
+        fits = own and measurement.size == self.measurement.size
+        by = self if fits or engine == "numpy" else self._compiled.on(measurement)
+        if choose(by, math.prod(batch), 1, engine) == "compiled":
             from imm_tdoa.kernel.stepping import step
 
-            return step(self, state, time, dt, z, measurement)
+            return step(by, state, time, dt, z, measurement)
         return self._cycle(state, time, dt, self.chain(dt), z, measurement)
 
     def compile(self) -> IMM:

@@ -291,12 +291,12 @@ def test_nis_judges_the_prediction_of_the_whole_bank():
 def test_another_measurement_or_other_pairs_for_one_scan():
     imm = imm_2d()
     start = imm.start(0.0, [700.0, 900.0], 100.0 * np.eye(2))
-    fix = imm.step(start, 1.0, [700.0, 900.0], measurement=Position(5.0))
+    fix = imm.step(start, 1.0, [700.0, 900.0], measurement=Position(5.0), engine="numpy")
     direct = IMM(imm.bank, Position(5.0)).step(start, 1.0, [700.0, 900.0], engine="numpy")
     assert_array_equal(fix.mean, direct.mean)
     one = np.array([[3, 1]])
     z = range_differences(np.array([710.0, 890.0]), CORNERS, one)[0] / C
-    by_pair = imm.step(start, 1.0, z, pairs=one)
+    by_pair = imm.step(start, 1.0, z, pairs=one, engine="numpy")
     other = IMM(imm.bank, TDOA(STATIONS, toa_sigma=SIGMA, pairs=one)).step(
         start, 1.0, z, engine="numpy"
     )

@@ -10,6 +10,8 @@ import pytest
 from kernel_cases import SPEED, assert_alike, station_array
 
 from imm_tdoa import IMM, Bank
+from imm_tdoa.compiled import REMEMBERED
+from imm_tdoa.cycle import Cycle
 from imm_tdoa.kernel.machine import machine
 from imm_tdoa.kernel.stepping import PackedState
 from imm_tdoa.models import (
@@ -198,6 +200,61 @@ def test_after_a_scan_of_another_measurement(imm):
         first = imm.step(start(imm, batch), 1.0, values[0, :2], measurement=two)
         got = imm.step(first, 2.0, values[1], engine="compiled")
         assert_alike(got, imm.step(first, 2.0, values[1], engine="numpy"))
+
+
+TWO = TDOA(STATIONS, toa_sigma=3.0 / SPEED, pairs=[[1, 0], [2, 0]])
+OTHERS = {
+    "fewer rows": TWO,
+    "as many rows, worse": TDOA(STATIONS, toa_sigma=9.0 / SPEED),
+    "another kind": Position(20.0),
+}
+
+
+@pytest.mark.parametrize("name", list(OTHERS))
+@pytest.mark.parametrize("batch", [(), (12,)])
+def test_a_scan_of_another_measurement(imm, name, batch, monkeypatch):
+    """Computed by the engine that is asked for."""
+    other = OTHERS[name]
+    values = other.predict(AT, np.zeros(2), 1.0) / other.scale
+    state = start(imm, batch)
+    want = imm.step(state, 1.0, values, measurement=other, engine="numpy")
+    monkeypatch.setattr(Cycle, "__call__", None)
+    for engine in ("compiled", "auto"):
+        assert_alike(imm.step(state, 1.0, values, measurement=other, engine=engine), want)
+
+
+def test_other_pairs_and_not_as_many(imm, monkeypatch):
+    state, values = start(imm), scans()[1][0, :2]
+    want = imm.step(state, 1.0, values, pairs=TWO.pairs, engine="numpy")
+    monkeypatch.setattr(Cycle, "__call__", None)
+    assert_alike(imm.step(state, 1.0, values, pairs=TWO.pairs, engine="compiled"), want)
+
+
+def test_scans_of_many_measurements_that_take_turns(imm):
+    state = start(imm)
+    for k in range(30):
+        other = TDOA(STATIONS, toa_sigma=(3.0 + k) / SPEED)
+        got, want = (
+            imm.step(state, 1.0, scans()[1][0], measurement=other, engine=engine)
+            for engine in ("compiled", "numpy")
+        )
+        assert_alike(got, want)
+    assert len(imm._compiled._others) <= REMEMBERED
+
+
+def test_another_measurement_that_cannot_be_compiled(imm):
+    class Own(TDOA):
+        def predict(self, *given):
+            return super().predict(*given)
+
+    own = Own(STATIONS, toa_sigma=3.0 / SPEED)
+    values = scans()[1][0]
+    with pytest.raises(ValueError, match="does not support the measurement model Own"):
+        imm.step(start(imm), 1.0, values, measurement=own, engine="compiled")
+    assert_alike(
+        imm.step(start(imm), 1.0, values, measurement=own),
+        imm.step(start(imm), 1.0, values, engine="numpy"),
+    )
 
 
 def test_a_sigma_that_is_known_at_certain_times_only():
