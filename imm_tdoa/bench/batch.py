@@ -9,10 +9,10 @@ import attrs
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from imm_tdoa._processors import processors
 from imm_tdoa.bench import jobs, peers
 from imm_tdoa.bench.clock import Task, side_by_side
 from imm_tdoa.bench.jobs import Job
-from imm_tdoa.bench.machine import processors
 from imm_tdoa.bench.measured import Figure, Goal, Measured
 from imm_tdoa.engine import Engine
 

@@ -9,14 +9,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from imm_tdoa._processors import processors
+
 PACKAGES = ("imm-tdoa", "numpy", "scipy", "numba", "llvmlite", "filterpy", "stonesoup")
-
-
-def processors() -> int:
-    """Return how many processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def memory() -> int | None:

@@ -7,10 +7,11 @@ from collections.abc import Callable, Sequence
 import attrs
 import numpy as np
 
+from imm_tdoa._processors import processors
 from imm_tdoa.bench import jobs
 from imm_tdoa.bench.clock import Timing, side_by_side
 from imm_tdoa.bench.jobs import Job
-from imm_tdoa.bench.machine import memory, processors
+from imm_tdoa.bench.machine import memory
 from imm_tdoa.bench.measured import Figure, Goal, Measured, Point
 from imm_tdoa.engine import Engine
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,6 +10,7 @@ import attrs
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from imm_tdoa._processors import processors
 from imm_tdoa.bench import fresh, peers
 from imm_tdoa.bench.clock import Timing, side_by_side
 from imm_tdoa.bench.cold import COMMAND
@@ -129,7 +129,7 @@ def measure(size: Size, tell: Callable[[str], None]) -> Measured:
         f"{size.runs}. It is given what was drawn; it filters and scores one run after the other, "
         f"in one process. Its members: {loop.member.__name__}, the quicker way of "
         f"{len(peers.MEMBERS)}.",
-        f"The study uses {os.cpu_count()} processors and was run in this process before: nothing "
+        f"The study uses {processors()} processors and was run in this process before: nothing "
         "is loaded meanwhile. The command is a fresh process, with tables, pictures and report.",
     )
     title = f"{shape} x {study.scenarios[0].scans} scans, {steps} filter steps"

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
-from collections import deque
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import attrs
 import numpy as np
 
 from imm_tdoa.contract import Array, Index, MeasurementModel
-from imm_tdoa.kernel import feeding
+from imm_tdoa.kernel import feeding, sharing
 from imm_tdoa.kernel.layout import Feed, Robust
 from imm_tdoa.kernel.machine import machine
 from imm_tdoa.kernel.plan import Plan
@@ -25,21 +21,12 @@ from imm_tdoa.state import State
 if TYPE_CHECKING:
     from imm_tdoa.imm import IMM
 
-CHUNK = 4096  # targets whose arrays are made at a time, at most
-PIECE = 32_768  # steps of a target that a worker takes at a time: few milliseconds
 FEW, SEVERAL = 2, 8  # targets that are quicker one by one, or four by four
 
 
 def lanes_for(targets: int) -> Lanes:
     """Return how many targets to compute at once."""
     return ONE if targets <= FEW else FOUR if targets <= SEVERAL else LANES
-
-
-def processors() -> int:
-    """Return how many processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 class _Failure(NamedTuple):
@@ -171,8 +158,8 @@ def run(
         pairs = np.broadcast_to(pairs, (*batch, *pairs.shape[-3:])).reshape(B, *pairs.shape[-3:])
     lanes = lanes_for(B)
     L = len(lanes)
-    workers = min(processors(), 1 + B * T // PIECE) if threads is None else threads
-    size = _share(B, T, workers, L)
+    workers = sharing.workers(B, T) if threads is None else threads
+    size = sharing.share(B, T, workers, L)
     shared: Feed | None = None
     if len(times) == 1 and pairs is None:
         shared = feeding.template(plan)
@@ -218,18 +205,10 @@ def run(
         )
 
     if begin + 1 < T:
-        failures = _work([*range(0, B, size)], job, workers)
+        failures = sharing.work([*range(0, B, size)], job, workers)
         if failures:
             raise min(failures).error()
     return out
-
-
-def _share(targets: int, scans: int, workers: int, lanes: int) -> int:
-    """How many targets a worker takes at a time, in whole blocks, so that all end together."""
-    most = CHUNK if workers == 1 else min(CHUNK, max(PIECE // scans, 1))
-    rounds = -(-targets // (workers * most))
-    size = -(-targets // (workers * rounds))
-    return -(-size // lanes) * lanes
 
 
 def _clock(scans: Scans, state: State, first: Index, alike: bool) -> tuple[Array, Array, Index]:
@@ -248,37 +227,3 @@ def _clock(scans: Scans, state: State, first: Index, alike: bool) -> tuple[Array
         dt[:, begin + 1] = times[:, begin + 1] - begun
         dt[:, begin + 2 :] = times[:, begin + 2 :] - times[:, begin + 1 : -1]
     return times, dt, since
-
-
-def _work(begins: list[int], job: Callable[[int], _Job], workers: int) -> list[_Failure]:
-    """Do the jobs; each worker, this thread among them, takes the next when it has done one."""
-    todo, failures = deque(begins), []
-
-    def work() -> None:
-        try:
-            while (a := _next(todo)) is not None:
-                failure = job(a)()
-                if failure is not None:
-                    failures.append(failure)
-        except BaseException:
-            todo.clear()
-            raise
-
-    helpers = min(workers, len(begins)) - 1
-    if helpers == 0:
-        work()
-    else:
-        with ThreadPoolExecutor(helpers) as pool:
-            others = [pool.submit(work) for _ in range(helpers)]
-            work()
-        for other in others:
-            other.result()
-    return failures
-
-
-def _next(todo: deque[int]) -> int | None:
-    """Take the next, unless another worker has just taken the last."""
-    try:
-        return todo.popleft()
-    except IndexError:
-        return None

@@ -17,7 +17,7 @@ from kernel_cases import (
 from numpy.testing import assert_allclose
 
 from imm_tdoa import IMM, Bank
-from imm_tdoa.kernel import running
+from imm_tdoa.kernel import sharing
 from imm_tdoa.kernel.machine import machine
 from imm_tdoa.models import (
     TDOA,
@@ -308,7 +308,7 @@ def test_a_scan_that_no_mode_explains():
 @pytest.mark.parametrize("threads", [1, 2])
 def test_of_several_that_no_mode_explains_the_earliest_scan_is_named(threads, monkeypatch):
     """And of its targets the first, with the time that is its own."""
-    monkeypatch.setattr(running, "CHUNK", 32)
+    monkeypatch.setattr(sharing, "CHUNK", 32)
     times, values, at = made_up(tdoa(), 70)
     for target, scan in ((3, 5), (40, 2), (41, 2), (66, 2), (69, 3)):
         values[target, scan, 1] = 1e200
