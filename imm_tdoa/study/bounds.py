@@ -1,4 +1,4 @@
-"""The least error that any tracker could have in a scenario, told which motion was when."""
+"""The least error of a tracker that is told which motion was when, and knows no more of it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ def bound(study: Study, case: ScenarioCase) -> dict[str, Any]:
     """Return the posterior Cramér-Rao bound of the position and the dilution of precision.
 
     The bound is of an estimator that is told when the motion changes, and to what; what each
-    motion brings has the widest birth law of the study's banks (of a random way, its own).
+    motion brings has the widest birth law of the study's banks (of a random way, its own). A bank
+    that is told more, by a narrower law or by a motion of fewer components, may err less.
     Where way, target or losses differ from run to run it is the mean over the first runs.
 
     Returns

@@ -35,7 +35,7 @@ def errors(data: xr.Dataset, i: int) -> Picture | None:
     ]
     if np.isfinite(bound).any():
         least = Line2D(
-            [], [], color=canvas.INK, linewidth=1.4, linestyle=":", label="least possible"
+            [], [], color=canvas.INK, linewidth=1.4, linestyle=":", label="Cramér-Rao bound"
         )
         handles.append(least)
     handles.append(Patch(color="#E4E4E4", label="consistent"))

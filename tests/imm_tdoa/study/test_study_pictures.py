@@ -60,7 +60,7 @@ def test_errors_over_time(swept: xr.Dataset, drawn: list[Figure]) -> None:
     band = top.collections[0].get_paths()[0].vertices[:, 1]
     assert band.max() == pytest.approx(float(swept["position_rmse_by_time_high"][1, 0].max()))
     names = [text.get_text() for text in drawn[0].legends[0].get_texts()]
-    assert names == ["cv", "ca", "imm", "least possible", "consistent"]
+    assert names == ["cv", "ca", "imm", "Cramér-Rao bound", "consistent"]
 
 
 def test_ribbons_reach_one(swept: xr.Dataset, drawn: list[Figure]) -> None:
