@@ -7,22 +7,23 @@ differences in 2-D, one thread; shares of the time inside the kernel, about):
 ========================================  =============  ==========  =====
 what                                      keep="final"   keep="all"  gate
 ========================================  =============  ==========  =====
-innovations: ranges, S, its factor        31 %           19 %        6 %
-gain and covariance update                24 %           10 %        2 %
-prediction                                14 %           9 %         1 %
-mixing                                    13 %           7 %         1 %
-gathering and storing scans and records   11 %           21 %        3 %
-exponentials and logarithms               6 %            4 %         16 %
+innovations: ranges, S, its factor        31 %           19 %        20 %
+gain and covariance update                24 %           10 %        14 %
+prediction                                14 %           9 %         10 %
+mixing                                    13 %           7 %         9 %
+gathering and storing scans and records   11 %           21 %        7 %
+exponentials and logarithms               6 %            4 %         4 %
 fresh memory handed out by the system     1 %            30 %        -
-robust: judging sources, lane by lane     -              -           45 %
-allocating, counting references           -              -           26 %
+robust: judging sources                   -              -           30 %
+robust: trust in the track                -              -           4 %
 ========================================  =============  ==========  =====
 
 So it is bound by arithmetic, not by memory: short loops over few rows and components, whose sums
 wait for each other, and the roots and divisions of the geometry. With ``keep="all"`` the records
 dominate what is left: 85 numbers a target and scan, written once to memory that the system must
-clear first, which is why a second thread gains little there. What is judged against gross errors
-goes lane by lane, in small arrays that are made anew for each.
+clear first. Gross errors are judged in all lanes at once (that column is of ``keep="final"``, and
+the judging has exponentials and logarithms of its own); only what is left out is taken out lane by
+lane. For Student's t two thirds of the time are the rounds in which the weights are found.
 """
 
 from __future__ import annotations

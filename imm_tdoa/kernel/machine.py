@@ -15,8 +15,9 @@ from imm_tdoa.kernel.compiling import SWITCHED_OFF, undisturbed, whole
 from imm_tdoa.kernel.vectors import Lanes
 
 SOURCES = (
-    "bits", "compiling", "earth", "elementary", "gathering", "layout", "linking", "looking",
-    "memory", "mixing", "reading", "recursion", "robust", "updating", "vectors", "weighing",
+    "bits", "compiling", "earth", "elementary", "gathering", "gating", "layout", "linking",
+    "looking", "memory", "mixing", "offsets", "reading", "recursion", "sources", "tails",
+    "updating", "vectors", "weighing",
 )  # fmt: skip
 
 

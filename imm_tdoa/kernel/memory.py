@@ -39,10 +39,10 @@ class Where(NamedTuple):
         out, and their weights.
     R, nu, H, HP, S_
         Noise (m, m), and for each mode innovation (m), Jacobian, H P and its covariance (m, m).
+    mean, Sm
+        Moments of the whole bank's innovation; they follow those of the last mode.
     C, pivot, K, E, white
         Scratch of the update.
-    Sm, mean
-        Moments of the whole bank's innovation.
     record, size : int
         Rows of a record, and of M.
     """
@@ -87,16 +87,16 @@ class Where(NamedTuple):
     row_weight: int
     R: int
     nu: int
+    mean: int
     H: int
     HP: int
     S_: int
+    Sm: int
     C: int
     pivot: int
     K: int
     E: int
     white: int
-    Sm: int
-    mean: int
     record: int
     size: int
 
@@ -136,16 +136,16 @@ def lay_out(n: Index, order: Index, d: int, m: int, S: int) -> Where:
     row_weight = free + m
     R = row_weight + m
     nu = R + m * m
-    H = nu + r * m
+    mean = nu + r * m
+    H = mean + m
     HP = H + r * stride
     S_ = HP + r * m * N
-    C = S_ + r * m * m
+    Sm = S_ + r * m * m
+    C = Sm + m * m
     pivot = C + m * m
     K = pivot + m
     E = K + m * N
     white = E + m * N
-    Sm = white + m
-    mean = Sm + m * m
     return Where(
         r=r, d=d, m=m, S=S, N=N, means=means, squares=squares, stride=stride, x=0, P=means,
         log_p=log_p, total=log_p + r, bank=log_p + r + 1, heard=log_p + r + 2, log_l=log_l,
@@ -154,5 +154,106 @@ def lay_out(n: Index, order: Index, d: int, m: int, S: int) -> Where:
         Q=Q, f=f, Pi=Pi, w=w, log_c=log_c, xm=xm, Pm=Pm, d0=d0, d1=d1, FP=FP,
         place=place, speed=speed, G=G, z=z, present=present, free=free, row_weight=row_weight,
         R=R, nu=nu, H=H, HP=HP, S_=S_, C=C, pivot=pivot, K=K, E=E, white=white,
-        Sm=Sm, mean=mean, record=record, size=mean + m,
+        Sm=Sm, mean=mean, record=record, size=white + m,
+    )  # fmt: skip
+
+
+class Room(NamedTuple):
+    """Where things lie that only a robust filter needs, after the rest; k sources of error.
+
+    Attributes
+    ----------
+    trust
+        How far each target is trusted, as in a trust record (`layout.Robust`).
+    variance
+        Of the rows as they were measured (m).
+    raw, D
+        Directions (k + m, m) in which sources, and then rows as sources, enter the rows as
+        measured, and the rows free of offsets.
+    price, rejected, pieces
+        Of the scan as it is read: the price, whether it is rejected, and how many independent
+        pieces of information it has.
+    nothing
+        A zero.
+    score, log_density, joint
+        Of one source; of the rows under each mode, and last the bank's moments (r + 1); scratch.
+    statistic, information
+        Of each source under each of them (r + 1, k + m).
+    there, ratio, gain, suspect, worst, gone, whole
+        Of the gate: rows that are left (m), how rows are combined (m); for each source (k + m)
+        what leaving it out gains and whether it may be the bad one; which goes first; whether any
+        went; the log-determinant of all rows.
+    v, heard, trial, lam, noise, square, foreseen, e2
+        Of the tails, for each source (k): variance, whether it shows, weight, the better weight,
+        variance by its weight, E[e²] and that under the modes as predicted, E[e²] under each
+        mode (r, k).
+    extra, settled, best
+        What is added to S (m, m); whether the weights are found; the best bound.
+    size : int
+        Rows of M.
+    """
+
+    trust: int
+    variance: int
+    raw: int
+    D: int
+    price: int
+    rejected: int
+    pieces: int
+    nothing: int
+    score: int
+    log_density: int
+    joint: int
+    statistic: int
+    information: int
+    there: int
+    ratio: int
+    gain: int
+    suspect: int
+    worst: int
+    gone: int
+    whole: int
+    v: int
+    heard: int
+    trial: int
+    lam: int
+    noise: int
+    square: int
+    foreseen: int
+    e2: int
+    extra: int
+    settled: int
+    best: int
+    size: int
+
+
+@compiled
+def make_room(at: Where, k: int, trust: int) -> Room:
+    """Return where things lie for k sources of error and trust records of `trust` numbers."""
+    r, m = at.r, at.m
+    variance = at.size + trust
+    raw = variance + m
+    D = raw + (k + m) * m
+    price = D + (k + m) * m
+    score = price + 4
+    log_density = score + 1
+    joint = log_density + r + 1
+    statistic = joint + r
+    information = statistic + (r + 1) * (k + m)
+    there = information + (r + 1) * (k + m)
+    ratio = there + m
+    gain = ratio + m
+    suspect = gain + k + m
+    worst = suspect + k + m
+    v = worst + 3
+    e2 = v + 7 * k
+    extra = e2 + r * k
+    settled = extra + m * m
+    return Room(
+        trust=at.size, variance=variance, raw=raw, D=D, price=price, rejected=price + 1,
+        pieces=price + 2, nothing=price + 3, score=score, log_density=log_density, joint=joint,
+        statistic=statistic, information=information, there=there, ratio=ratio, gain=gain,
+        suspect=suspect, worst=worst, gone=worst + 1, whole=worst + 2,
+        v=v, heard=v + k, trial=v + 2 * k, lam=v + 3 * k, noise=v + 4 * k, square=v + 5 * k,
+        foreseen=v + 6 * k, e2=e2, extra=extra, settled=settled, best=settled + 1, size=settled + 2,
     )  # fmt: skip

@@ -1,255 +1,146 @@
 """A scan read by a robust filter, and whether the track can still be trusted, compiled.
 
-What `imm_tdoa.robust` and `imm_tdoa.reopening` say, for the lanes of a block one by one.
+What `imm_tdoa.robust` and `imm_tdoa.reopening` say, for all lanes of a block at once.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
 from imm_tdoa.contract import Array, Index
-from imm_tdoa.kernel import robust
-from imm_tdoa.kernel.compiling import allocating, compiled
+from imm_tdoa.kernel import gating, sources, tails
+from imm_tdoa.kernel.compiling import compiled
 from imm_tdoa.kernel.layout import Robust
-from imm_tdoa.kernel.memory import Where
+from imm_tdoa.kernel.memory import Room, Where
+from imm_tdoa.kernel.vectors import Lanes, anywhere, choose, fill, get, put
 
 REJECTED, USED, LOST, SINCE, SNAPSHOT = 0, 1, 2, 3, 4  # columns of the trust records
 
 
 @compiled
-def reopens(how: Robust, block: int, targets: int) -> bool:
-    """Whether some target of the block is lost, and rejected its last scan."""
-    for target in range(block, block + targets):
-        if how.trust[target, LOST] > 0.0 and how.trust[target, REJECTED] > 0.0:
-            return True
-    return False
-
-
-@compiled
-def offsets(
-    M: Array, at: Where, q: int, rows: Index, group: Index, columns: Index, reference: Index
-) -> None:
-    """Eliminate shared offsets, as `gaussian.offset_contrast` does, in place.
-
-    What is free is what is present less the rows taken as references; `reference` (m, L) is set
-    to each row's reference, -1: none.
-    """
-    r, m, stride, R, nu, H = at.r, at.m, at.stride, at.R, at.nu, at.H
+def load(M: Array, room: Room, trust: Array, block: int, targets: int) -> None:
+    """Spread the trust in a block's targets over the lanes."""
     for lane in range(M.shape[1]):
-        for i in range(q):
-            reference[i, lane] = -1
-            M[at.free + i, lane] = M[at.present + i, lane]
-        for i in range(q):
-            if group[rows[i]] < 0 or M[at.present + i, lane] == 0.0:
-                continue
-            best = -1
-            for k in range(q):
-                alike = group[rows[k]] == group[rows[i]] and M[at.present + k, lane] > 0.0
-                if alike and (best < 0 or M[R + k * m + k, lane] < M[R + best * m + best, lane]):
-                    best = k
-            reference[i, lane] = best
-        for i in range(q):
-            k = reference[i, lane]
-            if k >= 0 and k != i:
-                for j in range(r):
-                    _subtract(M, nu + j * m, i, k, 1, 1, 1, lane)
-                    size = columns[j]
-                    _subtract(M, H + j * stride, i, k, size, size, 1, lane)
-                _subtract(M, R, i, k, m, q, 1, lane)
-        for i in range(q):
-            k = reference[i, lane]
-            if k >= 0 and k != i:
-                _subtract(M, R, i, k, 1, q, m, lane)
-        for k in range(q):
-            if reference[k, lane] == k:
-                M[at.free + k, lane] = 0.0
-                _neutral(M, at, q, k, lane, columns)
+        target = block + min(lane, targets - 1)
+        for k in range(trust.shape[1]):
+            M[room.trust + k, lane] = trust[target, k]
 
 
 @compiled
-def _subtract(
-    M: Array, A: int, i: int, k: int, apart: int, count: int, step: int, lane: int
-) -> None:
-    """Subtract row k of A from row i, rows `apart`; or column from column, rows `step` apart."""
-    for p in range(count):
-        M[A + i * apart + p * step, lane] -= M[A + k * apart + p * step, lane]
+def store(M: Array, room: Room, trust: Array, block: int, targets: int) -> None:
+    """Write the trust in a block's targets."""
+    for lane in range(targets):
+        for k in range(trust.shape[1]):
+            trust[block + lane, k] = M[room.trust + k, lane]
 
 
 @compiled
-def _neutral(M: Array, at: Where, q: int, k: int, lane: int, columns: Index) -> None:
-    """Take row k out of lane lane."""
-    m, R = at.m, at.R
-    for j in range(at.r):
-        M[at.nu + j * m + k, lane] = 0.0
-        for a in range(columns[j]):
-            M[at.H + j * at.stride + k * columns[j] + a, lane] = 0.0
-    for p in range(q):
-        M[R + k * m + p, lane] = 0.0
-        M[R + p * m + k, lane] = 0.0
-    M[R + k * m + k, lane] = 1.0
+def reopens(lanes: Lanes, M: Array, room: Room) -> bool:
+    """Whether some target of the block is lost, and rejected its last scan."""
+    lost, rejected = get(lanes, M, room.trust + LOST), get(lanes, M, room.trust + REJECTED)
+    return bool(anywhere(choose(lost, rejected, 0.0)))
 
 
-@allocating
+@compiled
+def remember(lanes: Lanes, M: Array, at: Where, room: Room, q: int) -> None:
+    """Keep the variances of the rows as measured."""
+    for i in range(q):
+        put(lanes, M, room.variance + i, get(lanes, M, at.R + i * at.m + i))
+
+
+@compiled
 def read(
+    lanes: Lanes,
     M: Array,
     at: Where,
+    room: Room,
     how: Robust,
-    lane: int,
-    target: int,
+    block: int,
+    targets: int,
     t: int,
-    q: int,
     rows: Index,
+    q: int,
     columns: Index,
-    variances: Array,
+    grouped: bool,
     reference: Index,
-    verdict: Array,
-) -> bool:
-    """Read one lane's scan robustly, in place; whether the numbers held.
+    first: Index,
+    alone: Index,
+) -> int:
+    """Read the scan in place; `gating.CLEAN`, `CHANGED` where rows have changed, `INDEFINITE`.
 
-    `variances` (m,): of the rows as measured. `verdict` (3,) becomes the price, whether the scan
-    is rejected, and how many independent pieces of information it has.
+    `reference` (m, L) is what each row was freed of offsets by, -1: nothing. `first` (k + m,) and
+    `alone` (m,): scratch.
     """
-    r, m, stride, R, nu, H, S = at.r, at.m, at.stride, at.R, at.nu, at.H, at.S_
-    present, free, log_c, row_weight = at.present, at.free, at.log_c, at.row_weight
-    own = min(1, how.directions.shape[0] - 1) * target
-    then = t if how.directions.shape[1] > 1 else 0
-    own_v = min(1, how.variance.shape[0] - 1) * target
-    then_v = t if how.variance.shape[1] > 1 else 0
-    sources = how.directions.shape[3]
-    log_weight, there = np.zeros(r), np.zeros(q)
-    pieces, measured = 0.0, 0.0
-    for j in range(r):
-        log_weight[j] = M[log_c + j, lane]
+    put(lanes, M, room.nothing, 0.0)
+    pieces = fill(lanes, 0.0)
     for i in range(q):
-        there[i] = M[free + i, lane]
-        pieces += there[i]
-        measured += M[present + i, lane]
-        M[row_weight + i, lane] = 1.0
-    verdict[0], verdict[1], verdict[2] = 0.0, 0.0, pieces
-    if measured == 0.0:
-        return True
-    raw = np.zeros((q, sources + q))
-    for i in range(q):
-        if M[present + i, lane] > 0.0:
-            for c in range(sources):
-                raw[i, c] = how.directions[own, then, rows[i], c]
-            raw[i, sources + i] = 1.0
-    d = raw.copy()
-    for i in range(q):
-        k = reference[i, lane]
-        if k >= 0 and k != i:
-            for c in range(sources + q):
-                d[i, c] -= raw[k, c]
-    for i in range(q):
-        if there[i] == 0.0:
-            d[i, :] = 0.0
-    parts = r + 1 if how.gates else r
-    innovation, covariance = np.zeros((parts, q)), np.zeros((parts, q, q))
-    for j in range(r):
-        for i in range(q):
-            innovation[j, i] = M[nu + j * m + i, lane]
-            for p in range(i + 1):
-                covariance[j, i, p] = M[S + j * m * m + i * m + p, lane]
-                covariance[j, p, i] = covariance[j, i, p]
-    if not how.gates:
-        more = np.zeros(sources)
-        v = np.zeros(sources)
-        for c in range(sources):
-            v[c] = how.variance[own_v, then_v, c]
-        price, good = robust.student_t(
-            log_weight, innovation, covariance, there, d[:, :sources].copy(), v,
-            how.degrees_of_freedom, how.constant, how.digamma, more,
-        )  # fmt: skip
-        left = 0.0
-        for i in range(q):
-            extra = 0.0
-            for c in range(sources):
-                extra += raw[i, c] ** 2 * more[c]
-            share = variances[i] / (variances[i] + extra)
-            if M[present + i, lane] > 0.0:
-                M[row_weight + i, lane] = share
-                left += share
-            for p in range(q):
-                for c in range(sources):
-                    M[R + i * m + p, lane] += d[i, c] * more[c] * d[p, c]
-        verdict[0] = price
-        verdict[1] = 1.0 if left <= 0.5 * measured else 0.0
-        return bool(good)
-    _moments(log_weight, innovation, covariance, there)
-    slopes, noise = np.zeros((r, q, stride // m)), np.zeros((q, q))
-    for i in range(q):
-        for p in range(q):
-            noise[i, p] = M[R + i * m + p, lane]
-        for j in range(r):
-            for a in range(columns[j]):
-                slopes[j, i, a] = M[H + j * stride + i * columns[j] + a, lane]
-    left_out = np.zeros(sources + q)
-    price, rejected, good = robust.gate(
-        log_weight, innovation, covariance, slopes, noise, there, d, sources, how.threshold,
-        left_out,
-    )  # fmt: skip
-    verdict[0] = price
-    verdict[1] = 1.0 if rejected else 0.0
-    if np.sum(left_out) == 0.0:
-        return bool(good)
-    for i in range(q):
-        for c in range(sources + q):
-            if left_out[c] > 0.0 and raw[i, c] != 0.0:
-                M[row_weight + i, lane] = 0.0
-        for j in range(r):
-            M[nu + j * m + i, lane] = innovation[j, i]
-            for a in range(columns[j]):
-                M[H + j * stride + i * columns[j] + a, lane] = slopes[j, i, a]
-        for p in range(q):
-            M[R + i * m + p, lane] = noise[i, p]
-    for i in range(q):
-        if M[free + i, lane] > 0.0 and there[i] == 0.0:
-            M[free + i, lane] = 0.0
-            _neutral(M, at, q, i, lane, columns)
-    return bool(good)
+        pieces = pieces + get(lanes, M, at.free + i)
+    put(lanes, M, room.pieces, pieces)
+    count = sources.take(
+        lanes, M, at, room, how, block, targets, t, rows, q, grouped, reference, first, alone
+    )
+    if how.gates:
+        done = gating.gate(lanes, M, at, room, q, columns, how.threshold, count, first, reference)
+        return int(done)
+    if tails.student_t(lanes, M, at, room, how, block, targets, t, q, first):
+        return gating.CLEAN
+    return gating.INDEFINITE
 
 
 @compiled
-def _moments(log_weight: Array, nu: Array, S: Array, present: Array) -> None:
-    """Put the moments of the modes' innovations last; rows that are not present neutral."""
-    r, q = len(log_weight), len(present)
-    for i in range(q):
-        nu[r, i] = 0.0
-        for j in range(r):
-            nu[r, i] += np.exp(log_weight[j]) * nu[j, i]
-    for i in range(q):
-        for p in range(q):
-            S[r, i, p] = 0.0
-            for j in range(r):
-                spread = (nu[j, i] - nu[r, i]) * (nu[j, p] - nu[r, p])
-                S[r, i, p] += np.exp(log_weight[j]) * (S[j, i, p] + spread)
+def conclude(
+    lanes: Lanes,
+    M: Array,
+    at: Where,
+    room: Room,
+    how: Robust,
+    block: int,
+    targets: int,
+    t: int,
+    x: int,
+) -> None:
+    """Add the price of what was not read, and see how far the targets are to be trusted now."""
+    price = get(lanes, M, room.price)
+    put(lanes, M, at.total, get(lanes, M, at.total) + price)
+    for j in range(at.r):
+        put(lanes, M, at.log_l + j, get(lanes, M, at.log_l + j) + price)
+    trust_after(lanes, M, at, room, how, block, targets, t, x)
 
 
 @compiled
 def trust_after(
+    lanes: Lanes,
     M: Array,
     at: Where,
+    room: Room,
     how: Robust,
-    target: int,
-    lane: int,
+    block: int,
+    targets: int,
     t: int,
     x: int,
-    rejected: bool,
-    pieces: float,
 ) -> None:
-    """Trust in a target after a scan (`imm_tdoa.reopening.Trust.after`)."""
-    if pieces == 0.0:
-        return
-    own, patience = how.trust[target], how.patience
-    own[REJECTED] = own[REJECTED] + 1.0 if rejected else 0.0
-    own[USED] = 0.0 if rejected else own[USED] + 1.0
-    lost = (own[LOST] > 0.0 and own[USED] < patience) or own[REJECTED] >= patience
-    own[LOST] = 1.0 if lost else 0.0
-    if rejected or lost:
-        return
-    own[SINCE] = how.time[target if how.time.shape[0] > 1 else 0, t]
+    """Trust in the targets after a scan (`imm_tdoa.reopening.Trust.after`)."""
+    own, enough = room.trust, how.patience - 0.5
+    heard, rejected = get(lanes, M, room.pieces), get(lanes, M, room.rejected)
+    was_rejected, was_used = get(lanes, M, own + REJECTED), get(lanes, M, own + USED)
+    was_lost = get(lanes, M, own + LOST)
+    on_end = choose(rejected, was_rejected + 1.0, 0.0)
+    used = choose(rejected, 0.0, was_used + 1.0)
+    lost = choose(was_lost, choose(enough - used, 1.0, 0.0), 0.0)
+    lost = choose(on_end - enough, 1.0, lost)
+    put(lanes, M, own + REJECTED, choose(heard, on_end, was_rejected))
+    put(lanes, M, own + USED, choose(heard, used, was_used))
+    put(lanes, M, own + LOST, choose(heard, lost, was_lost))
+    good = choose(rejected + lost, 0.0, choose(heard, 1.0, 0.0))
+    since = get(lanes, M, own + SINCE)
+    if how.time.shape[0] > 1:
+        for lane in range(len(lanes)):
+            M[own + SINCE, lane] = how.time[block + min(lane, targets - 1), t]
+    else:
+        put(lanes, M, own + SINCE, how.time[0, t])
+    put(lanes, M, own + SINCE, choose(good, get(lanes, M, own + SINCE), since))
     size = at.means + at.squares
     for k in range(size):
-        own[SNAPSHOT + k] = M[x + k, lane]
+        kept = own + SNAPSHOT + k
+        put(lanes, M, kept, choose(good, get(lanes, M, x + k), get(lanes, M, kept)))
     for j in range(at.r):
-        own[SNAPSHOT + size + j] = M[at.log_p + j, lane]
+        kept = own + SNAPSHOT + size + j
+        put(lanes, M, kept, choose(good, get(lanes, M, at.log_p + j), get(lanes, M, kept)))

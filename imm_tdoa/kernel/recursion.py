@@ -11,10 +11,10 @@ import math
 import numpy as np
 
 from imm_tdoa.contract import Array, Index
-from imm_tdoa.kernel import gathering, looking, mixing, reading, updating, weighing
+from imm_tdoa.kernel import gathering, gating, looking, mixing, offsets, reading, updating, weighing
 from imm_tdoa.kernel.compiling import allocating, compiled
 from imm_tdoa.kernel.layout import Feed, Robust, Spec
-from imm_tdoa.kernel.memory import Where, lay_out
+from imm_tdoa.kernel.memory import Where, lay_out, make_room
 from imm_tdoa.kernel.vectors import Lanes, get, put
 
 LINE = 8  # numbers in a line of the processor's fastest memory
@@ -68,15 +68,20 @@ def run(
     moving, own_steps = places.shape[1] > 1, steps.shape[0] > 1
     at = lay_out(n, order, spec.dims, len(kind), places.shape[2])
     m, T = at.m, steps.shape[1]
-    room = np.zeros(at.size * L + LINE)
-    edge = -(room.ctypes.data // 8) % LINE  # vectors that lie across lines take twice as long
-    M = room[edge : edge + at.size * L].reshape(at.size, L)
+    size = at.size
+    first_row = alone = np.zeros(0, np.int64)
+    if robust is not None:
+        sources = robust.directions.shape[3]
+        room = make_room(at, sources, robust.trust.shape[1])
+        size = room.size
+        first_row, alone = np.zeros(sources + m, np.int64), np.zeros(m, np.int64)
+    whole = np.zeros(size * L + LINE)
+    edge = -(whole.ctypes.data // 8) % LINE  # vectors that lie across lines take twice as long
+    M = whole[edge : edge + size * L].reshape(size, L)
     columns = np.zeros(at.r, np.int64)
     for j in range(at.r):
         columns[j] = min(n[j], 2 * at.d if spec.rates else at.d)
-    grouped = False
-    for i in range(m):
-        grouped = grouped or group[i] >= 0
+    grouped = offsets.any_shared(group)
     step, positive = np.zeros(L if own_steps else 1, np.int64), False
     rows, used = np.zeros(m, np.int64), np.zeros(at.S, np.int64)
     own_pairs = feed.station.shape[0] > 1
@@ -87,20 +92,21 @@ def run(
     for i in range(len(taken_from)):
         for lane in range(L):
             taken_from[i, lane] = -1
-    judged = L if robust is not None else 0
-    verdict, variances = np.zeros((judged, 3)), np.zeros((judged, m))
 
     for block in range(first, last, L):
         targets = min(L, last - block)
         x, P, other_x, other_P = at.x, at.P, at.x_other, at.P_other
         gathering.load(M, at, records, block, targets)
+        if robust is not None:
+            reading.load(M, room, robust.trust, block, targets)
         for lane in range(len(step)):
             step[lane] = -1
         here = begin if block == first else start
         for t in range(here, T):
-            if robust is not None and reading.reopens(robust, block, targets):
+            if robust is not None and reading.reopens(lanes, M, room):
                 size = at.record
                 gathering.store(lanes, M, at, x, records, block * size, size, targets)
+                reading.store(M, room, robust.trust, block, targets)
                 return REOPENS, t, block
             fresh = False
             for lane in range(len(step)):
@@ -131,11 +137,10 @@ def run(
                     lanes, M, at, n, columns, spec.rates, rows, q, kind, station, reference, frame,
                     used, heard, x,
                 )  # fmt: skip
-                for lane in range(judged):
-                    for i in range(q):
-                        variances[lane, i] = M[at.R + i * m + i, lane]
+                if robust is not None:
+                    reading.remember(lanes, M, at, room, q)
                 if grouped:
-                    reading.offsets(M, at, q, rows, group, columns, taken_from)
+                    offsets.eliminate(M, at, q, rows, group, columns, taken_from)
                 else:
                     for i in range(q):
                         put(lanes, M, at.free + i, get(lanes, M, at.present + i))
@@ -143,14 +148,14 @@ def run(
                 for i in range(q):
                     put(lanes, M, at.row_weight + i, 1.0)
                 if robust is not None:
-                    for lane in range(L):
-                        target = block + min(lane, targets - 1)
-                        if not reading.read(
-                            M, at, robust, lane, target, t, q, rows, columns, variances[lane],
-                            taken_from, verdict[lane],
-                        ):  # fmt: skip
-                            return INDEFINITE, t, target
-                    covariances(lanes, M, at, n, columns, q, P)
+                    read = reading.read(
+                        lanes, M, at, room, robust, block, targets, t, rows, q, columns, grouped,
+                        taken_from, first_row, alone,
+                    )  # fmt: skip
+                    if read == gating.INDEFINITE:
+                        return INDEFINITE, t, block
+                    if read == gating.CHANGED:
+                        covariances(lanes, M, at, n, columns, q, P)
                 total = get(lanes, M, at.free)
                 for i in range(1, q):
                     total = total + get(lanes, M, at.free + i)
@@ -163,28 +168,22 @@ def run(
                 if impossible >= 0:
                     return IMPOSSIBLE, t, block + min(impossible, targets - 1)
                 if robust is not None:
-                    for lane in range(targets):
-                        M[at.total, lane] += verdict[lane, 0]
-                        for j in range(at.r):
-                            M[at.log_l + j, lane] += verdict[lane, 0]
-                        reading.trust_after(
-                            M, at, robust, block + lane, lane, t, x, verdict[lane, 1] > 0.0,
-                            verdict[lane, 2],
-                        )  # fmt: skip
+                    reading.conclude(lanes, M, at, room, robust, block, targets, t, x)
             else:
                 for j in range(at.r):
                     put(lanes, M, at.log_p + j, get(lanes, M, at.log_c + j))
             if extras:
                 gathering.say(lanes, M, at, rows, q)
                 if robust is not None:
-                    for lane in range(targets):
-                        M[at.lost, lane] = robust.trust[block + lane, reading.LOST]
+                    put(lanes, M, at.lost, get(lanes, M, room.trust + reading.LOST))
                 size = at.record
                 if t == T - 1:
                     gathering.store(lanes, M, at, x, records, block * size, size, targets)
                 if kept[t] >= 0:
                     begun = block * stride + kept[t] * size
                     gathering.store(lanes, M, at, x, out, begun, stride, targets)
+        if robust is not None:
+            reading.store(M, room, robust.trust, block, targets)
     return FINE, 0, 0
 
 

@@ -17,6 +17,19 @@ from imm_tdoa.kernel.vectors import Lanes, anywhere, choose, fill, get, put
 @compiled
 def judge(lanes: Lanes, M: Array, at: Where, q: int) -> bool:
     """Normalised innovation squared against the moments of the whole bank; whether it has one."""
+    moments(lanes, M, at, q)
+    good = updating.factor(lanes, M, q, at.m, at.Sm, at.C, at.pivot)
+    updating.whiten(lanes, M, q, at.m, at.C, at.pivot, at.mean, at.white)
+    square = fill(lanes, 0.0)
+    for i in range(q):
+        square = square + get(lanes, M, at.white + i) * get(lanes, M, at.white + i)
+    put(lanes, M, at.bank, square)
+    return bool(good)
+
+
+@compiled
+def moments(lanes: Lanes, M: Array, at: Where, q: int) -> None:
+    """Mean and covariance of the innovation under all modes together."""
     r, m = at.r, at.m
     for j in range(r):  # in the place of the mixing weights, which have done their work
         put(lanes, M, at.w + j, exp(get(lanes, M, at.log_c + j)))
@@ -35,13 +48,6 @@ def judge(lanes: Lanes, M: Array, at: Where, q: int) -> bool:
                 own = get(lanes, M, at.S_ + j * m * m + i * m + k)
                 total = total + share * (own + di * dk)
             put(lanes, M, at.Sm + i * m + k, total)
-    good = updating.factor(lanes, M, q, m, at.Sm, at.C, at.pivot)
-    updating.whiten(lanes, M, q, m, at.C, at.pivot, at.mean, at.white)
-    square = fill(lanes, 0.0)
-    for i in range(q):
-        square = square + get(lanes, M, at.white + i) * get(lanes, M, at.white + i)
-    put(lanes, M, at.bank, square)
-    return bool(good)
 
 
 @compiled

@@ -82,6 +82,35 @@ def test_gross_errors(measurement, targets, robust):
 
 
 @pytest.mark.parametrize("robust", ["gate", "student-t"])
+@pytest.mark.parametrize("measurement", [TDOA, TOA])
+def test_many_targets_with_errors_of_their_own(measurement, robust):
+    """Blocks in which most targets have nothing to leave out, and others several rows."""
+    sigma = {TDOA: {"toa_sigma": 3.0 / SPEED}, TOA: {"sigma": 3.0 / SPEED}}[measurement]
+    case = disturbed(measurement(STATIONS, **sigma), 37, 8, 0.04, 12.0, robust)
+    values = np.array(case.values)
+    values[np.random.default_rng(3).random(values.shape) < 0.1] = np.nan
+    values[5] += np.random.default_rng(4).uniform(-1e-6, 1e-6, values[5].shape)  # hopeless
+    values[6, 3:6] = np.nan
+    track = assert_engines_agree(case._replace(values=values))
+    rest = track.row_weight[np.arange(37) != 5]
+    assert 0.02 < np.mean(rest[np.isfinite(rest)] < 0.5) < 0.2
+
+
+@pytest.mark.parametrize("robust", ["gate", "student-t"])
+def test_neighbours_do_not_matter(robust):
+    """A target has the same track alone and in any company, whatever that does meanwhile."""
+    case = disturbed(TDOA(STATIONS, toa_sigma=3.0 / SPEED), 21, 8, 0.1, 20.0, robust)
+    together = case.run("compiled")
+    mean = case.start.means[0][:, :2]
+    for part in ([4], [17, 4, 9], [20, 4, 3, 3, 8, 9, 1, 0, 11, 12]):
+        start = case.imm.start(0.0, mean[part], 900.0 * np.eye(2))
+        own = case._replace(values=case.values[part], start=start).run("compiled")
+        for name in ("mean", "covariance", "mode_probability", "row_weight", "log_likelihood"):
+            a, b = getattr(own, name), getattr(together, name)[part]
+            np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9 * np.nanmax(np.abs(b)))
+
+
+@pytest.mark.parametrize("robust", ["gate", "student-t"])
 @pytest.mark.parametrize("targets", [1, 12])
 def test_a_lost_track_opens_and_is_found_again(targets, robust):
     """30 scans of outliers, then good ones; only some of the targets, at times of their own."""
