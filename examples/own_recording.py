@@ -17,7 +17,7 @@ folder.mkdir()
 (folder / "recording.toml").write_text(
     """\
 format = 1
-title = "A drone over four receivers"
+title = "A drone over five receivers"
 speed_mps = 299792458.0
 dims = 3
 labelled = true
@@ -54,7 +54,7 @@ for k, t in enumerate(times):
 
 rec = recording.read(folder)
 measurement, times, values, pairs = rec.scans()
-print(f"{rec.title!r}: {len(times)} scans of up to {values.shape[1]} arrivals, {rec.targets}")
+print(f"{rec.title!r}: {len(times)} scans of up to {values.shape[1]} arrivals")
 
 bank = Bank(
     [ConstantVelocity(psd=0.5), ConstantAcceleration(psd=1.0)],

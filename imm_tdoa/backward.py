@@ -41,6 +41,19 @@ def linearised(
     """Make a motion over `dt` (...) s straight, at x (..., n) or over N(x, P) by the rule's points.
 
     The same as in `imm_tdoa.prediction.predict`, with the line itself.
+
+    Parameters
+    ----------
+    model : MotionModel
+        Of the mode.
+    x, P : (..., n), (..., n, n)
+        Where it is linearised.
+    dt : (...)
+        Time step, s.
+    dims : int
+        Space dimensions.
+    rule : "ukf", "ckf" or None
+        Sigma points; None: at the mean.
     """
     Q = model.process_noise(dt, dims)
     if rule is None or isinstance(model, LinearMotion):
@@ -56,6 +69,13 @@ def future_of(x_p: Array, P_p: Array, x_s: Array, P_s: Array) -> Future:
     has nothing to learn. Where merging left a direction less certain than it was predicted, no
     likelihood can have done it; there, one is taken that moves the mean as far and that 3 standard
     deviations bound.
+
+    Parameters
+    ----------
+    x_p, P_p : (..., n), (..., n, n)
+        What the past says.
+    x_s, P_s : (..., n), (..., n, n)
+        What past and future say together.
     """
     W = _root(P_p)
     s, V = np.linalg.eigh(symmetric(W @ P_s @ np.swapaxes(W, -1, -2)))
@@ -120,6 +140,15 @@ def regressed(x: Array, P: Array, line: Line, x_s: Array, P_s: Array) -> tuple[A
     """Rauch-Tung-Striebel step: N(x, P) (..., r, n) when `line` is to end in N(x_s, P_s) (..., n).
 
     For Kim's approximation. The prediction may be singular (pseudo-inverse).
+
+    Parameters
+    ----------
+    x, P : (..., r, n), (..., r, n, n)
+        States now.
+    line : Line
+        Their motion until then.
+    x_s, P_s : (..., n), (..., n, n)
+        The smoothed state then.
     """
     cross = P @ np.swapaxes(line.F, -1, -2)
     gain, rest = _conditional(P, cross, _root(predict_covariance(P, line.F, line.Q)))
@@ -131,6 +160,15 @@ def returned(lift: Lift, x: Array, P: Array, x_s: Array, P_s: Array) -> tuple[Ar
     """Bring a smoothed state back into the components of the mode N(x, P) that it came from.
 
     What the later mode does not have is regressed on what both have.
+
+    Parameters
+    ----------
+    lift : Lift
+        From the earlier mode to the later one.
+    x, P : (..., n), (..., n, n)
+        The earlier mode's own state.
+    x_s, P_s : (..., k), (..., k, k)
+        The smoothed state in the later mode's components.
     """
     if lift.identity:
         return x_s, P_s

@@ -10,6 +10,7 @@ import attrs
 import numpy as np
 
 from imm_tdoa import _validate, registry
+from imm_tdoa._brief import brief
 from imm_tdoa.contract import Array, MotionModel
 from imm_tdoa.statespace import KIND_OF, StateSpace, state_space
 
@@ -72,6 +73,8 @@ class Bank:
     birth_std: Mapping[str, float] = attrs.field(factory=dict, kw_only=True)
     names: tuple[str, ...] = attrs.field(default=(), kw_only=True)
     _spaces: dict[int, StateSpace] = attrs.field(init=False, factory=dict, repr=False)
+
+    __repr__ = brief
 
     def __attrs_post_init__(self) -> None:
         def put(name: str, value: object) -> None:

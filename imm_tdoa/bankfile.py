@@ -23,17 +23,17 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import attrs
 
 from imm_tdoa import _structure, registry
+from imm_tdoa._shelf import Shelf
 from imm_tdoa._structure import near
 from imm_tdoa.bank import Bank
 
-_PRESETS = "imm_tdoa.presets"
+SHELF = Shelf("bank", "preset", "presets")
 
 
 def _mode_tables(_: Any, __: Any, value: tuple[Mapping[str, Any], ...]) -> None:
@@ -69,8 +69,7 @@ class _File:
 
 def presets() -> tuple[str, ...]:
     """Return the names of the banks that ship with the package."""
-    files = resources.files(_PRESETS).iterdir()
-    return tuple(sorted(f.name[: -len(".toml")] for f in files if f.name.endswith(".toml")))
+    return SHELF.names()
 
 
 def load(name_or_path: str | Path) -> Bank:
@@ -88,21 +87,8 @@ def load(name_or_path: str | Path) -> Bank:
         Neither a preset nor a file; a file that is no bank. The message says where in the file
         (``bank.toml: modes[1].psd: …``), what was wrong and what was expected.
     """
-    if isinstance(name_or_path, str) and name_or_path in presets():
-        text = resources.files(_PRESETS).joinpath(f"{name_or_path}.toml").read_text("utf-8")
-        return parse(text, f"{name_or_path}.toml")
-    path = Path(name_or_path)
-    if path.is_file():
-        return parse(_structure.read(path), path.name)
-    if path.is_dir():
-        raise ValueError(f"bank: {str(name_or_path)!r} is a folder; expected a TOML file")
-    if isinstance(name_or_path, Path) or path.suffix == ".toml" or len(path.parts) != 1:
-        raise ValueError(f"bank: there is no file {str(name_or_path)!r}")
-    hint = near(name_or_path, presets())
-    raise ValueError(
-        f"bank: no preset and no file is called {name_or_path!r}{hint}; presets are: "
-        f"{', '.join(presets())}"
-    )
+    found = SHELF.find(name_or_path)
+    return parse(found.text, found.file)
 
 
 def parse(text: str, file: str = "bank") -> Bank:

@@ -13,9 +13,16 @@ from typing import Any
 import attrs
 import numpy as np
 
-from imm_tdoa import _validate, gaussian, registry
+from imm_tdoa import _validate, gaussian
+from imm_tdoa.augmentation import (
+    Augmented,
+    ConstantErrors,
+    LinearAugmented,
+    parts,
+    receiver_jacobian,
+)
 from imm_tdoa.bank import Bank
-from imm_tdoa.contract import AXES, Array, Index, LinearMotion, Mask, MeasurementModel, MotionModel
+from imm_tdoa.contract import AXES, Array, Index, LinearMotion, Mask, MeasurementModel
 from imm_tdoa.cycle import UpdateRule
 from imm_tdoa.imm import IMM
 from imm_tdoa.initiation import velocity_std
@@ -68,12 +75,12 @@ class ConstantReceivers:
         object.__setattr__(self, "stations", stations)
         names = _names(stations)
         models = [
-            (_LinearAugmented if isinstance(model, LinearMotion) else _Augmented)(model, names)
+            (LinearAugmented if isinstance(model, LinearMotion) else Augmented)(model, names)
             for model in self.bank.models
         ]
         bank = attrs.evolve(self.bank, models=models, names=self.bank.names)
         exact = _with_stations(self.measurement, _exact(stations))
-        imm = IMM(bank, _Constant(exact, stations), update=self.update)
+        imm = IMM(bank, ConstantErrors(exact, stations), update=self.update)
         object.__setattr__(self, "imm", imm)
 
     def start(self, time: float | Array, values: Any) -> State:
@@ -164,71 +171,8 @@ class ConstantReceivers:
         return self.stations.at(track.times)[0] + error, spread
 
 
-class _Augmented:
-    """A motion model with constants behind its state."""
-
-    def __init__(self, model: MotionModel, names: tuple[str, ...]) -> None:
-        self.model, self.names = model, names
-        self.name = registry.name_of(model)
-
-    def components(self, dims: int) -> tuple[str, ...]:
-        """Return the model's components and the constants."""
-        return (*self.model.components(dims), *self.names)
-
-    def propagate(self, x: Array, dt: float | Array) -> Array:
-        """Return the model's state later, the constants as they are."""
-        n = x.shape[-1] - len(self.names)
-        moved = self.model.propagate(x[..., :n], dt)
-        constant = np.broadcast_to(x[..., n:], (*moved.shape[:-1], len(self.names)))
-        return np.concatenate([moved, constant], axis=-1)
-
-    def jacobian(self, x: Array, dt: float | Array) -> Array:
-        """Return the model's Jacobian, and ones for the constants."""
-        return self._padded(self.model.jacobian(x[..., : x.shape[-1] - len(self.names)], dt), 1.0)
-
-    def process_noise(self, dt: float | Array, dims: int) -> Array:
-        """Return the model's process noise, and none for the constants."""
-        return self._padded(self.model.process_noise(dt, dims), 0.0)
-
-    def _padded(self, M: Array, diagonal: float) -> Array:
-        n, k = M.shape[-1], len(self.names)
-        result = np.zeros((*M.shape[:-2], n + k, n + k))
-        result[..., :n, :n] = M
-        result[..., n:, n:] = diagonal * np.eye(k)
-        return result
-
-
-class _LinearAugmented(_Augmented, LinearMotion):
-    """The same of a linear model, whose prediction needs no sigma points."""
-
-
-@attrs.frozen(eq=False)
-class _Constant:
-    """A measurement by stations whose errors are the last components of the state."""
-
-    exact: Any
-    declared: Stations
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return getattr(self.exact, name)
-
-    def constant_errors(self, position: Array, velocity: Array, time: float | Array) -> Array:
-        """Return d rows / d errors (..., m, k)."""
-        return _receiver_jacobian(self.exact, self.declared, position, velocity, time)
-
-    def with_pairs(self, pairs: Any) -> _Constant:
-        """Return the same for other pairs."""
-        return attrs.evolve(self, exact=self.exact.with_pairs(pairs))
-
-
-def _parts(measurement: Any) -> tuple[Any, ...]:
-    return tuple(getattr(measurement, "models", (measurement,)))
-
-
 def _stations(measurement: Any) -> Stations:
-    stations = [getattr(part, "stations", None) for part in _parts(measurement)]
+    stations = [getattr(part, "stations", None) for part in parts(measurement)]
     if not all(isinstance(s, Stations) and s is stations[0] for s in stations):
         raise ValueError("measurement: expected one made by one set of stations")
     result: Stations = stations[0]  # type: ignore[assignment]
@@ -242,8 +186,8 @@ def _exact(stations: Stations) -> Stations:
 
 
 def _with_stations(measurement: Any, stations: Stations) -> Any:
-    parts = [attrs.evolve(part, stations=stations) for part in _parts(measurement)]
-    return parts[0] if not hasattr(measurement, "models") else type(measurement)(*parts)
+    own = [attrs.evolve(part, stations=stations) for part in parts(measurement)]
+    return own[0] if not hasattr(measurement, "models") else type(measurement)(*own)
 
 
 def _names(stations: Stations) -> tuple[str, ...]:
@@ -267,20 +211,6 @@ def _covariance(stations: Stations) -> Array:
     return result
 
 
-def _receiver_jacobian(
-    measurement: Any, declared: Stations, position: Array, velocity: Array, time: float | Array
-) -> Array:
-    """d rows / d errors of the receivers (..., m, k); zero for stations not heard."""
-    rows = []
-    for part in _parts(measurement):
-        Jp, Jv = part.station_jacobian(position, velocity, time)
-        J = [Jp] if declared.velocity_covariance is None else [Jp, Jv]
-        flat = [j.reshape(*j.shape[:-2], -1) for j in J]
-        rows.append(np.concatenate(flat, axis=-1))
-    every = np.concatenate(rows, axis=-2)
-    return np.where(np.isfinite(every), every, 0.0)
-
-
 def _differenced(
     measurement: MeasurementModel, position: Array, velocity: Array, time: Array, values: Array
 ) -> tuple[Array, Array, Array, Array]:
@@ -291,7 +221,7 @@ def _differenced(
     stations = _stations(measurement)
     nu = values * measurement.scale - measurement.predict(position, velocity, time)
     H = np.concatenate(measurement.jacobian(position, velocity, time), axis=-1)
-    A = _receiver_jacobian(measurement, stations, position, velocity, time)
+    A = receiver_jacobian(measurement, stations, position, velocity, time)
     R = measurement.noise_covariance(position, velocity, time)
     present: Mask = measurement.independent(np.isfinite(nu))
     R = np.broadcast_to(R, (*present.shape, R.shape[-1]))

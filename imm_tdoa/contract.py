@@ -101,8 +101,9 @@ class MotionModel(Protocol):
 class LinearMotion:
     """A motion model given by its transition matrix.
 
-    A subclass supplies `components`, `transition` and `process_noise`. The state may be of any
-    number of space dimensions; it is read off the length of `x`.
+    A subclass supplies `components`, `transition` and `process_noise`; arguments and results are
+    those of `MotionModel`. The state may be of any number of space dimensions; it is read off the
+    length of `x`.
     """
 
     def components(self, dims: int) -> tuple[str, ...]:
@@ -110,20 +111,7 @@ class LinearMotion:
         raise NotImplementedError
 
     def transition(self, dt: float | Array, dims: int) -> Array:
-        """Return the matrix that takes a state to the state some time later.
-
-        Parameters
-        ----------
-        dt : float or (...)
-            Time step, s.
-        dims : int
-            Number of space dimensions.
-
-        Returns
-        -------
-        (..., n, n)
-            F, with x(t + dt) = F x(t).
-        """
+        """Return F (..., n, n) with x(t + dt) = F x(t)."""
         raise NotImplementedError
 
     def propagate(self, x: Array, dt: float | Array) -> Array:

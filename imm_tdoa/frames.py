@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import attrs
 import numpy as np
 import pymap3d
 
 from imm_tdoa import _validate
-from imm_tdoa.contract import Array
+from imm_tdoa.contract import Array, Mask
 
-DEEP = 3e6  # distance from the Earth's centre, m
+A = 6378137.0  # WGS84 semi-major axis, m
+B = 6356752.314245179  # semi-minor axis, m
+E2 = 1.0 - (B / A) ** 2
+DEEP = 3e6  # distance from the Earth's centre within which Bowring's iteration need not converge, m
+ROUNDS = 2  # of the iteration: to rounding from the deep ground to beyond navigation satellites
 
 
 @attrs.frozen
@@ -29,6 +35,8 @@ class EastNorthUp:
     lat_deg: float
     lon_deg: float
     height_m: float = 0.0
+    _axes: Array = attrs.field(init=False, repr=False, eq=False)  # rows east, north, up
+    _origin: Array = attrs.field(init=False, repr=False, eq=False)
 
     def __attrs_post_init__(self) -> None:
         for name, bound in (("lat_deg", 90.0), ("lon_deg", 360.0), ("height_m", np.inf)):
@@ -39,13 +47,16 @@ class EastNorthUp:
             if abs(number) > bound:
                 raise ValueError(f"{name}: expected a number within ±{bound:g}, got {value!r}")
             object.__setattr__(self, name, number)
+        phi, lam = np.radians(self.lat_deg), np.radians(self.lon_deg)
+        s, c, sl, cl = np.sin(phi), np.cos(phi), np.sin(lam), np.cos(lam)
+        axes = np.array([[-sl, cl, 0.0], [-s * cl, -s * sl, c], [c * cl, c * sl, s]])
+        origin = np.array(pymap3d.geodetic2ecef(self.lat_deg, self.lon_deg, self.height_m))
+        object.__setattr__(self, "_axes", axes)
+        object.__setattr__(self, "_origin", origin)
 
     def axes_and_origin(self) -> Array:
         """Return (12,): east, north and up in Earth-fixed axes, and the origin, m."""
-        phi, lam = np.radians(self.lat_deg), np.radians(self.lon_deg)
-        s, c, sl, cl = np.sin(phi), np.cos(phi), np.sin(lam), np.cos(lam)
-        origin = pymap3d.geodetic2ecef(self.lat_deg, self.lon_deg, self.height_m)
-        return np.array([-sl, cl, 0.0, -s * cl, -s * sl, c, c * cl, c * sl, s, *origin])
+        return np.concatenate([self._axes.ravel(), self._origin])
 
     def to_geodetic(self, position: Array) -> tuple[Array, Array, Array]:
         """Return latitude and longitude, degrees, and height above the ellipsoid, m.
@@ -55,11 +66,9 @@ class EastNorthUp:
         position : (..., 3)
             Points of this frame, m.
         """
-        p = _validate.array("position", position, (None, 3), finite=False)
-        ecef = pymap3d.enu2ecef(
-            p[..., 0], p[..., 1], p[..., 2], self.lat_deg, self.lon_deg, self.height_m
-        )
-        return _geodetic(*(np.asarray(c, dtype=float) for c in ecef))
+        foot = _foot(self._earth_fixed(position))
+        lat = np.degrees(np.arctan2(foot.sin_lat, foot.cos_lat))
+        return lat, np.degrees(np.arctan2(foot.sin_lon, foot.cos_lon)), foot.height
 
     def from_geodetic(self, lat_deg: Array, lon_deg: Array, height_m: Array) -> Array:
         """Return points (..., 3) of this frame, m.
@@ -95,28 +104,63 @@ class EastNorthUp:
         position : (..., 3)
             Points of this frame, m.
         """
-        lat, lon, h = self.to_geodetic(position)
-        phi, lam = np.radians(lat), np.radians(lon)
-        normal = np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)
-        up = pymap3d.ecef2enuv(*normal, self.lat_deg, self.lon_deg)
-        return h, np.stack([np.asarray(c, dtype=float) for c in up], axis=-1)
+        foot = _foot(self._earth_fixed(position))
+        normal = np.empty((*foot.height.shape, 3))
+        normal[..., 0] = foot.cos_lat * foot.cos_lon
+        normal[..., 1] = foot.cos_lat * foot.sin_lon
+        normal[..., 2] = foot.sin_lat
+        return foot.height, normal @ self._axes.T
+
+    def _earth_fixed(self, position: Array) -> Array:
+        """Earth-fixed coordinates (..., 3) of points of this frame."""
+        p = _validate.array("position", position, (None, 3), finite=False)
+        result: Array = p @ self._axes + self._origin
+        return result
 
 
-def _geodetic(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
-    """Latitude, longitude (degrees) and height (m) of Earth-fixed points (...), to rounding.
+class _Foot(NamedTuple):
+    """Where the ellipsoid's normal through a point stands, and how high the point is above it.
 
-    pymap3d's closed form is exact at the ellipsoid only: 8 mm off at a height of 1000 km, tens of
-    metres at that of a navigation satellite. Bowring's iteration (1976) from there mends it.
+    The cosine of the longitude is 0 on the Earth's axis, as is its sine.
     """
-    lat, lon, h = (np.asarray(c, dtype=float) for c in pymap3d.ecef2geodetic(x, y, z))
-    ell = pymap3d.Ellipsoid.from_name("wgs84")
-    a, b = ell.semimajor_axis, ell.semiminor_axis
-    e2, rho = 1.0 - (b / a) ** 2, np.hypot(x, y)
-    phi = np.radians(lat)
-    for _ in range(3):
-        beta = np.arctan2(b * np.sin(phi), a * np.cos(phi))
-        up = z + e2 * a**2 / b * np.sin(beta) ** 3
-        phi = np.arctan2(up, rho - e2 * a * np.cos(beta) ** 3)
-    mended = rho * np.cos(phi) + z * np.sin(phi) - a * np.sqrt(1.0 - e2 * np.sin(phi) ** 2)
-    deep = np.hypot(rho, z) < DEEP  # where the iteration need not converge
-    return np.where(deep, lat, np.degrees(phi)), lon, np.where(deep, h, mended)
+
+    cos_lat: Array
+    sin_lat: Array
+    cos_lon: Array
+    sin_lon: Array
+    height: Array
+
+
+def _foot(point: Array) -> _Foot:
+    """Feet of Earth-fixed points (..., 3), to rounding: Bowring's iteration (1976, 1985).
+
+    Angles are kept as the sides of right triangles, so that a round costs one square root.
+    pymap3d's closed form is exact at the ellipsoid only: 8 mm off at a height of 1000 km, tens of
+    metres at that of a navigation satellite; it serves near the Earth's centre.
+    """
+    x, y, z = point[..., 0], point[..., 1], point[..., 2]
+    rho = np.sqrt(x * x + y * y)
+    r = np.sqrt(rho * rho + z * z)
+    deep = r < DEEP
+    if np.any(deep):
+        return _deep_foot(point, deep)
+    axis = np.maximum(rho, 1e-9)
+    c, s = A * rho, z * (B + E2 * A**2 / r)  # reduced latitude, Bowring 1985
+    for _ in range(ROUNDS):
+        size = np.sqrt(c * c + s * s)
+        c, s = c / size, s / size
+        out, up = rho - E2 * A * (c * c * c), z + E2 * A**2 / B * (s * s * s)
+        c, s = A * out, B * up
+    size = np.sqrt(out * out + up * up)
+    c, s = out / size, up / size
+    h = rho * c + z * s - A * np.sqrt(1.0 - E2 * (s * s))
+    return _Foot(c, s, x / axis, y / axis, h)
+
+
+def _deep_foot(point: Array, deep: Mask) -> _Foot:
+    """Feet of points of which some (...) are `deep`."""
+    foot = _foot(np.where(deep[..., None], A, point))
+    lat, lon, h = (np.asarray(v) for v in pymap3d.ecef2geodetic(*np.moveaxis(point, -1, 0)))
+    lat, lon = np.radians(lat), np.radians(lon)
+    low = np.cos(lat), np.sin(lat), np.cos(lon), np.sin(lon), h
+    return _Foot(*(np.where(deep, a, b) for a, b in zip(low, foot, strict=True)))

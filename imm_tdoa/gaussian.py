@@ -33,7 +33,17 @@ def symmetric(P: Array) -> Array:
 
 
 def predict_covariance(P: Array, F: Array, Q: Array) -> Array:
-    """Return F P F' + Q, exactly symmetric."""
+    """Return F P F' + Q, exactly symmetric.
+
+    Parameters
+    ----------
+    P : (..., n, n)
+        Covariance before.
+    F : (..., k, n)
+        Transition.
+    Q : (..., k, k)
+        Process noise.
+    """
     return symmetric(F @ P @ np.swapaxes(F, -1, -2) + Q)
 
 
@@ -72,14 +82,44 @@ def offset_contrast(variance: Array, present: Mask, group: Index) -> tuple[Array
 
 
 def mask_rows(nu: Array, H: Array, R: Array, present: Mask) -> tuple[Array, Array, Array]:
-    """Neutralise missing rows: zero innovation and Jacobian, unit variance, no correlation."""
+    """Neutralise missing rows: zero innovation and Jacobian, unit variance, no correlation.
+
+    Parameters
+    ----------
+    nu : (..., m)
+        Innovation; anything where missing.
+    H : (..., m, n)
+        Jacobian.
+    R : (..., m, m)
+        Noise covariance.
+    present : (..., m)
+        Rows that were measured.
+
+    Returns
+    -------
+    nu, H, R
+        The same rows, to be updated with as if all were there.
+    """
     both = present[..., :, None] & present[..., None, :]
     R = np.where(both, R, np.eye(R.shape[-1]))
     return np.where(present, nu, 0.0), np.where(present[..., None], H, 0.0), R
 
 
 def factor(S: Array, what: str = "innovation covariance") -> Array:
-    """Return the lower Cholesky factor of S (..., m, m), or say which covariance failed."""
+    """Return the lower Cholesky factor of S (..., m, m), or say which covariance failed.
+
+    Parameters
+    ----------
+    S : (..., m, m)
+        Symmetric and positive definite.
+    what : str
+        What the message calls it.
+
+    Raises
+    ------
+    ValueError
+        `S` is not positive definite.
+    """
     try:
         return np.asarray(np.linalg.cholesky(S), dtype=np.float64)
     except np.linalg.LinAlgError as error:
@@ -91,6 +131,18 @@ def innovation_factor(S: Array, R: Array | None = None) -> Array:
 
     With a prediction so diffuse that R is lost in rounding, S may come out indefinite although
     `R` (if it is given) is not: then it is lifted by the rounding of its own entries.
+
+    Parameters
+    ----------
+    S : (..., m, m)
+        Innovation covariance.
+    R : (..., m, m), optional
+        Noise covariance in it.
+
+    Raises
+    ------
+    ValueError
+        Neither `S` nor the lifted one is positive definite, or `R` is not.
     """
     try:
         return factor(S)

@@ -16,6 +16,13 @@ def ranges(p: Array, s: Array) -> tuple[Array, Array]:
 
     At a station the direction is undefined; it is returned as zero there, so that the derivative
     of the range is the middle of its subgradient instead of NaN.
+
+    Parameters
+    ----------
+    p : (..., d)
+        Emitter, m.
+    s : (..., S, d)
+        Stations, m.
     """
     delta = p[..., None, :] - s
     r = np.sqrt(np.einsum("...i,...i->...", delta, delta))
@@ -27,6 +34,13 @@ def range_rates(p: Array, v: Array, s: Array, vs: Array) -> tuple[Array, Array, 
     """Return range rates (..., S), their gradients b (..., S, d) in `p`, and u (..., S, d).
 
     The derivative of a range rate with respect to velocity is u (§1.2).
+
+    Parameters
+    ----------
+    p, v : (..., d)
+        Position and velocity of the emitter, m and m/s.
+    s, vs : (..., S, d)
+        Positions and velocities of the stations.
     """
     r, u = ranges(p, s)
     w = v[..., None, :] - vs
@@ -39,6 +53,15 @@ def difference(rows: Array, pairs: Index, axis: int = -1) -> Array:
     """Return rows[station] - rows[reference] along `axis` for pairs (..., m, 2).
 
     `axis` counts from the end: -1 for rows (..., S), -2 for rows (..., S, d).
+
+    Parameters
+    ----------
+    rows : (..., S) or (..., S, d)
+        One value, or vector, per station.
+    pairs : (..., m, 2)
+        Station and reference of each difference.
+    axis : int
+        That of the stations, from the end: -1 or -2.
     """
     if pairs.ndim == 2:
         return np.take(rows, pairs[:, 0], axis=axis) - np.take(rows, pairs[:, 1], axis=axis)
@@ -74,7 +97,15 @@ def difference_covariance(variance: Array, pairs: Index) -> Array:
 
 
 def incidence(pairs: Index, stations: int) -> Array:
-    """Matrix D (..., m, S) that takes one value per station to differences."""
+    """Matrix D (..., m, S) that takes one value per station to differences.
+
+    Parameters
+    ----------
+    pairs : (..., m, 2)
+        Station and reference of each difference.
+    stations : int
+        Number of stations S.
+    """
     one = np.eye(stations)
     result: Array = one[pairs[..., 0]] - one[pairs[..., 1]]
     return result

@@ -35,6 +35,13 @@ def start_from_scans(imm: IMM, scans: Scans) -> tuple[State, Index]:
     waited on; but of two places that are mirror images in the plane of receivers on the ground
     the upper one is taken.
 
+    Parameters
+    ----------
+    imm : IMM
+        What is to be started.
+    scans : Scans
+        What arrived, the first first.
+
     Raises
     ------
     ValueError
@@ -69,7 +76,15 @@ def start_from_scans(imm: IMM, scans: Scans) -> tuple[State, Index]:
 
 
 def velocity_std(bank: Bank, space: StateSpace) -> Array | None:
-    """Standard deviations (d,) of the birth law's velocity, m/s; None where nothing moves."""
+    """Standard deviations (d,) of the birth law's velocity, m/s; None where nothing moves.
+
+    Parameters
+    ----------
+    bank : Bank
+        Whose birth law.
+    space : StateSpace
+        Its components in d dimensions.
+    """
     names = component_names(space.dims, 1)
     if names[-1] not in space.components:
         return None

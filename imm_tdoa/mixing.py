@@ -80,6 +80,15 @@ def merge(
     """Return one Gaussian per mode and its log-weight (..., r), not normalised.
 
     A mode of no weight keeps its first hypothesis.
+
+    Parameters
+    ----------
+    hypotheses : Hypotheses
+        Whose model each follows.
+    means, covariances : sequence of (..., n), (..., n, n)
+        Each after the scan.
+    log_joint : (..., N)
+        Log of each one's probability times the scan's likelihood.
     """
     r = max(hypotheses.mode) + 1
     if len(hypotheses.mode) == r:

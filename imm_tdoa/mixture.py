@@ -38,6 +38,11 @@ def normalise(log_weight: Array) -> tuple[Array, Array]:
     """Return log weights (..., N) that sum to one, and the log of their former sum (...).
 
     Where every weight is zero the logs stay -inf and so does the sum.
+
+    Parameters
+    ----------
+    log_weight : (..., N)
+        Logs of weights; -inf is legal.
     """
     top = np.max(log_weight, axis=-1, keepdims=True)
     top = np.where(np.isfinite(top), top, 0.0)
@@ -70,6 +75,13 @@ def prune(log_weight: Array, below: float) -> Array:
     """Return log weights (..., N) that sum to one, shares under `below` dropped (-inf).
 
     The heaviest always stays, so that a mixture never becomes empty.
+
+    Parameters
+    ----------
+    log_weight : (..., N)
+        Logs of weights, of any sum.
+    below : float
+        Share of the whole that is dropped.
 
     Raises
     ------

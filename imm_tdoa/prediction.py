@@ -40,6 +40,19 @@ def predict(
 
     Linearised at the mean, or over the sigma points of `rule`; for a linear model these are the
     same and the plain form is used.
+
+    Parameters
+    ----------
+    model : MotionModel
+        How it moves.
+    x, P : (..., n), (..., n, n)
+        The state.
+    dt : (...)
+        Time step, s.
+    dims : int
+        Space dimensions.
+    rule : "ukf", "ckf" or None
+        Sigma points; None: linearised at the mean.
     """
     Q = model.process_noise(dt, dims)
     if rule is None or isinstance(model, LinearMotion):

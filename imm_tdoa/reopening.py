@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import attrs
 import numpy as np
 
+from imm_tdoa._brief import brief
 from imm_tdoa.contract import Array, Index, Mask
 from imm_tdoa.statespace import KIND_OF, StateSpace
 
@@ -37,6 +38,8 @@ class Trust:
     means: tuple[Array, ...]
     covariances: tuple[Array, ...]
     log_mode_probability: Array
+
+    __repr__ = brief
 
     @classmethod
     def full(

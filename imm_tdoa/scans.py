@@ -7,8 +7,10 @@ from typing import Any
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from imm_tdoa import _validate
+from imm_tdoa._brief import brief
 from imm_tdoa.contract import Array, Index, MeasurementModel
 
 
@@ -32,6 +34,8 @@ class Scans:
     times: Array
     values: Array
     pairs: Index | None = None
+
+    __repr__ = brief
 
     @classmethod
     def checked(
@@ -120,6 +124,14 @@ class Scans:
         """Return the measurement model of all scans at once, its pairs with a time axis."""
         return self.measurement if self.pairs is None else self.measurement.with_pairs(self.pairs)
 
+    def apart(self) -> Scans:
+        """Return every scan by itself: as many targets, of one scan each, in one batch axis."""
+        every, pairs = (*self.batch, self.count), self.pairs
+        times, values = _apart(self.times, every, 0), _apart(self.values, every, 1)
+        return Scans(
+            self.measurement, times, values, None if pairs is None else _apart(pairs, every, 2)
+        )
+
     def of_target(self, index: tuple[int, ...]) -> Scans:
         """Return the scans of one target of the batch.
 
@@ -134,6 +146,11 @@ class Scans:
         if pairs is not None and pairs.ndim > 3:
             pairs = np.broadcast_to(pairs, (*self.batch, *pairs.shape[-3:]))[index]
         return Scans(self.measurement, times, values, pairs)
+
+
+def _apart(a: NDArray[Any], every: tuple[int, ...], trailing: int) -> NDArray[Any]:
+    own = a.shape[a.ndim - trailing :]
+    return np.broadcast_to(a, (*every, *own)).reshape(-1, 1, *own)
 
 
 def _fit(name: str, own: tuple[int, ...], values: tuple[int, ...]) -> tuple[int, ...]:

@@ -45,6 +45,13 @@ def points(rule: Rule, n: int) -> tuple[Array, Array]:
     ``"ukf"``: Julier, Uhlmann & Durrant-Whyte (2000) with kappa = 3 - n, which has a Gaussian's
     fourth moments along each axis. ``"ckf"``: Arasaratnam & Haykin (2009), third-degree
     spherical-radial cubature, no point in the middle.
+
+    Parameters
+    ----------
+    rule : "ukf" or "ckf"
+        Which.
+    n : int
+        Number of components.
     """
     total = 3.0 if rule == "ukf" else float(n)
     spread = np.sqrt(total) * np.concatenate([np.eye(n), -np.eye(n)])
@@ -92,6 +99,11 @@ def roots(P: Array) -> tuple[Array, Array]:
 
     Cholesky's factor in units of the standard deviations; a component that the ones before it
     determine has a column of zeros in L and a row of zeros in W.
+
+    Parameters
+    ----------
+    P : (..., n, n)
+        Symmetric and positive semi-definite.
     """
     n = P.shape[-1]
     variance = np.einsum("...ii->...i", P)

@@ -8,6 +8,7 @@ import attrs
 import numpy as np
 
 from imm_tdoa import mixture
+from imm_tdoa._brief import brief
 from imm_tdoa.contract import Array, Index, Mask
 from imm_tdoa.reopening import Trust
 from imm_tdoa.statespace import StateSpace, apply_lift
@@ -40,6 +41,8 @@ class Taken:
     mode_nis: Array
     row_weight: Array
     reopened: Mask
+
+    __repr__ = brief
 
     @classmethod
     def nothing(cls, batch: tuple[int, ...], modes: int, rows: int) -> Taken:
@@ -89,6 +92,8 @@ class State:
     trust: Trust
     space: StateSpace
     modes: tuple[str, ...]
+
+    __repr__ = brief
 
     @property
     def components(self) -> tuple[str, ...]:

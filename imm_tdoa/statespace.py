@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import attrs
 import numpy as np
 
+from imm_tdoa._brief import brief
 from imm_tdoa.contract import AXES, KINDS, Array, Index, MotionModel, component_names
 
 KIND_OF: dict[str, str] = {
@@ -65,10 +66,12 @@ class StateSpace:
     dims: int
     components: tuple[str, ...]
     modes: tuple[tuple[str, ...], ...]
-    position: tuple[Index, ...]
-    velocity: tuple[Index, ...]
-    lifts: tuple[tuple[Lift, ...], ...]
-    to_union: tuple[Lift, ...]
+    position: tuple[Index, ...] = attrs.field(repr=False)
+    velocity: tuple[Index, ...] = attrs.field(repr=False)
+    lifts: tuple[tuple[Lift, ...], ...] = attrs.field(repr=False)
+    to_union: tuple[Lift, ...] = attrs.field(repr=False)
+
+    __repr__ = brief
 
 
 def state_space(
@@ -78,6 +81,17 @@ def state_space(
     birth_std: Mapping[str, float],
 ) -> StateSpace:
     """Match the models' components by name.
+
+    Parameters
+    ----------
+    models : sequence of MotionModel
+        One per mode.
+    names : sequence of str
+        What messages call the modes.
+    dims : int
+        Space dimensions d.
+    birth_std : mapping of str to float
+        Standard deviations of components that a mode lacks, by name or by kind.
 
     Raises
     ------
@@ -104,7 +118,20 @@ def state_space(
 
 
 def lift(source: Sequence[str], target: Sequence[str], birth_std: Mapping[str, float]) -> Lift:
-    """Return the map from a state with components `source` to one with `target`."""
+    """Return the map from a state with components `source` to one with `target`.
+
+    Parameters
+    ----------
+    source, target : sequence of str
+        Names of the components.
+    birth_std : mapping of str to float
+        As of `state_space`.
+
+    Raises
+    ------
+    ValueError
+        No birth standard deviation covers a component that `source` lacks.
+    """
     common = [c for c in target if c in source]
     missing = [c for c in target if c not in source]
     return Lift(
@@ -124,6 +151,16 @@ def apply_lift(
     Components that the target lacks are marginalised; those it has in addition are independent
     of the rest, with mean and covariance from `fill` (..., n), (..., n, n), or under the birth
     law (mean zero) where `fill` is None.
+
+    Parameters
+    ----------
+    lift : Lift
+        From the one mode to the other.
+    x, P : (..., n), (..., n, n)
+        The mode's own Gaussian.
+    fill : (..., k), (..., k, k) or None
+        Mean and covariance of all k components of the target, of which those that the source
+        lacks are taken.
     """
     if lift.identity:
         return x, P

@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 
 from imm_tdoa import _validate
+from imm_tdoa._brief import brief
 from imm_tdoa.contract import Array, Index
 
 
@@ -46,6 +47,8 @@ class Stations:
     velocity_covariance: Array | None = attrs.field(default=None, kw_only=True)
     names: tuple[str, ...] = attrs.field(default=(), kw_only=True)
     _sampled: tuple[Index, Index] | None = attrs.field(init=False, repr=False, default=None)
+
+    __repr__ = brief
 
     def __attrs_post_init__(self) -> None:
         put = self._put

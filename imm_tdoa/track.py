@@ -9,14 +9,16 @@ from typing import Any, Literal
 import attrs
 import numpy as np
 
+from imm_tdoa._brief import brief
 from imm_tdoa.bank import Bank
-from imm_tdoa.contract import AXES, Array, Index, Mask, component_names
+from imm_tdoa.contract import Array, Index, Mask
+from imm_tdoa.readout import Readout, over_time
 from imm_tdoa.state import State, combine
 from imm_tdoa.statespace import StateSpace
 
 
 @attrs.frozen(eq=False)
-class Track:
+class Track(Readout):
     """Estimates over time; batch axes lead, time is next, components last.
 
     Attributes
@@ -80,6 +82,8 @@ class Track:
     engine: str = "numpy"
     keep: str = "all"
 
+    __repr__ = brief
+
     @classmethod
     def from_states(
         cls,
@@ -105,9 +109,7 @@ class Track:
         batch = last.log_likelihood.shape
 
         def stacked(arrays: Sequence[Any], trailing: int) -> Any:
-            shapes = [batch + a.shape[a.ndim - trailing :] for a in arrays]
-            full = [np.broadcast_to(a, s) for a, s in zip(arrays, shapes, strict=True)]
-            return np.stack(full, axis=len(batch))
+            return over_time(arrays, batch, trailing)
 
         r = len(last.modes)
         means = tuple(stacked([s.means[j] for s in states], 1) for j in range(r))
@@ -187,35 +189,7 @@ class Track:
         return self._combined[1]
 
     @property
-    def components(self) -> tuple[str, ...]:
-        """Names of the components of `mean`."""
-        return self.space.components
-
-    @property
     def mode_probability(self) -> Array:
         """Probability (..., T, r) of each of `modes`."""
         result: Array = np.exp(self.log_mode_probability)
         return result
-
-    @property
-    def position(self) -> Array:
-        """Positions (..., T, d), m."""
-        return self.mean[..., self._indices(AXES[: self.space.dims])]
-
-    @property
-    def position_covariance(self) -> Array:
-        """Covariances of the position (..., T, d, d), m²."""
-        i = self._indices(AXES[: self.space.dims])
-        return self.covariance[..., i[:, None], i]
-
-    @property
-    def velocity(self) -> Array:
-        """Velocities (..., T, d), m/s; zero where no mode has one."""
-        d = self.space.dims
-        names = component_names(d, 1)[d:]
-        if names[0] not in self.components:
-            return np.zeros_like(self.position)
-        return self.mean[..., self._indices(names)]
-
-    def _indices(self, names: Sequence[str]) -> Index:
-        return np.array([self.components.index(name) for name in names], dtype=np.int64)

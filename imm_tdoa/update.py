@@ -14,7 +14,7 @@ from imm_tdoa.observation import Observation, predict_each, usable_rows, without
 from imm_tdoa.scans import Scans
 from imm_tdoa.sigma_points import roots
 
-STRAIGHT = 1e-2  # an extended update that misses its own promise by less needs no iteration
+STRAIGHT = 1e-2  # an extended update that fits nearly as well as it promised needs no iteration
 STILL = 1e-3  # an iteration that moves no component by more posterior sigmas has converged
 ITERATIONS = 20
 FAR = 25.0  # misfit of every mode, beyond 4 a row, which says that the extended update is lost
@@ -27,6 +27,13 @@ def extended(
     """Update every mode with the scan as linearised in `seen` (ALGORITHMS §4).
 
     Returns the scan as predicted, shared offsets eliminated, and the modes' updates.
+
+    Parameters
+    ----------
+    seen : Observation
+        The scan linearised at the predictions.
+    x, P : sequence of (..., n_j), (..., n_j, n_j)
+        The predictions.
     """
     free = without_offsets(seen)
     updates = [
@@ -80,7 +87,7 @@ def iterated(
     inverse = [_inverse_root(Pj) for Pj in P]
     there = look(at)
     cost = _misfit(there, at, x, inverse)
-    bent = [c > 1.001 * u.nis + STRAIGHT for c, u in zip(cost, plain, strict=True)]
+    bent = [np.abs(c - u.nis) > 1e-3 * u.nis + STRAIGHT for c, u in zip(cost, plain, strict=True)]
     dof = np.count_nonzero(free.present, axis=-1)
     far = np.min(np.stack(cost), axis=0) > FAR + 4.0 * dof
     straight = ~np.any(np.stack(bent), axis=0) & ~far

@@ -22,6 +22,16 @@ _UsageError: type[Exception] = next(
     c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException"
 )
 
+# How recent versions of Typer put it, and how our own messages do.
+_WORDS = {
+    "Value error, ": "",
+    "Input should be a valid integer, unable to parse string as an integer": (
+        "expected a whole number"
+    ),
+    "Input should be a valid number, unable to parse string as a number": "expected a number",
+    "Input should be greater than or equal to": "expected at least",
+}
+
 
 class Commands(TyperGroup):
     """Commands whose errors are one line on stderr and exit code 2."""
@@ -32,7 +42,7 @@ class Commands(TyperGroup):
         try:
             code = super().main(*args, **kwargs)
         except _UsageError as error:
-            _fail(error.format_message())  # type: ignore[attr-defined]
+            _fail(_in_our_words(error.format_message()))  # type: ignore[attr-defined]
         except (KeyboardInterrupt, typer.Abort):
             sys.exit(130)
         except typer.Exit as error:
@@ -43,6 +53,12 @@ class Commands(TyperGroup):
         except ValueError as error:
             _fail(str(error))
         sys.exit(code if isinstance(code, int) else 0)
+
+
+def _in_our_words(message: str) -> str:
+    for theirs, ours in _WORDS.items():
+        message = message.replace(theirs, ours)
+    return message
 
 
 def _fail(message: str) -> None:

@@ -77,7 +77,7 @@ def bench(
     from imm_tdoa import bench as measurements
     from imm_tdoa.bench import machine, report
 
-    output.refuse_file(out)
+    output.refuse_taken(out)
     about = machine.describe()
     names = [part.value for part in only or ()]
     console = output.console()

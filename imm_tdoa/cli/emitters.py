@@ -113,6 +113,11 @@ def track_unlabelled(
 def _tracked(data: Recording, bank: Bank, wishes: Wishes, scans: int, advance: Any) -> Tracks:
     from imm_tdoa.tracking import Tracker
 
+    p = wishes.detection_probability
+    if p is not None and not 0.0 < p < 1.0:
+        raise ValueError(
+            f"--detection-probability: expected a probability above 0 and below 1, got {p:g}"
+        )
     given: dict[str, Any] = {
         "associator": wishes.associator,
         "detection_probability": wishes.detection_probability,

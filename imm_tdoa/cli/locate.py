@@ -36,9 +36,10 @@ def locate(
     method: Annotated[
         Method,
         typer.Option(
+            metavar="METHOD",
             help="gauss-newton: least squares, takes everything. chan-ho: closed form, for scans "
             "of time differences that no station is missing from. two-step: closed form that knows "
-            "of receiver errors (--station-sigma). joint: corrects the receivers along with it."
+            "of receiver errors (--station-sigma). joint: corrects the receivers along with it.",
         ),
     ] = Method.GAUSS_NEWTON,
     robust: Annotated[
@@ -74,9 +75,14 @@ def locate(
     Writes fixes.csv (position, standard deviations, chi2, mirror solutions), summary.json, and
     gdop.png: where the stations locate well, and the fixes; with truth also error.png.
 
-    Example, aircraft over Germany, five receivers a message:
+    Example, arrivals some of which are grossly wrong:
 
-        imm-tdoa locate locards_mlat/set1 --out fixes
+        imm-tdoa simulate outliers --out outliers
+
+        imm-tdoa locate outliers --out fixes
+
+    Look at fixes/gdop.png: are the fixes where the stations locate well? And at fixes/error.png:
+    are the errors mostly below the line?
     """
     from imm_tdoa.recording import read
 
@@ -172,10 +178,8 @@ def _filtered(
 def _write(home: Path, data: Recording, found: Mapping[str, Fixes]) -> list[str]:
     from imm_tdoa import plot
     from imm_tdoa.cli import fixes
-    from imm_tdoa.recording import _atomic, _csv
 
-    with _atomic.file(home / "fixes.csv") as draft:
-        _csv.write(draft, fixes.table(found, data))
+    output.write_table(home / "fixes.csv", fixes.table(found, data))
     every = fixes.together(found)
     good = every.good
     times = every.times[good] if np.any(good) else every.times

@@ -36,6 +36,12 @@ class Entry:
 
 
 def models(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME]...", help="These models alone; default all.", show_default=False
+        ),
+    ] = None,
     check: Annotated[
         bool, typer.Option("--check", help="Try every model on the laws filters rely on.")
     ] = False,
@@ -45,12 +51,13 @@ def models(
     A model becomes one of them by an entry point of the group `imm_tdoa.models`. Its author asks
     what is wrong with it by
 
-        imm-tdoa models --check
+        imm-tdoa models my-model --check
 
     which prints every law in words, for a broken one the simplest values that break it, and
-    returns 1 if a law is broken.
+    returns 1 if a law is broken. Without a name every model is tried, and the laws of those that
+    break one are printed.
     """
-    entries = _entries()
+    entries = _chosen(_entries(), names or [])
     out = output.console()
     table = output.table(
         [("name", False), ("kind", False), ("package", False), ("parameters", False), ("", False)],
@@ -60,7 +67,7 @@ def models(
         cells = (entry.name, entry.kind, entry.package, _parameters(entry.model), about)
         table.add_row(*(Text(cell) for cell in cells))
     out.print(table)
-    if check and not _check(entries, out):
+    if check and not _check(entries, out, in_full=bool(names)):
         raise typer.Exit(1)
 
 
@@ -78,6 +85,17 @@ def _entries() -> list[Entry]:
     return sorted(entries, key=lambda e: ({"motion": 0, "measurement": 1}.get(e.kind, 2), e.name))
 
 
+def _chosen(entries: list[Entry], names: list[str]) -> list[Entry]:
+    from imm_tdoa import _structure
+
+    known = [entry.name for entry in entries]
+    for name in names:
+        if name not in known:
+            hint = _structure.near(name, known)
+            raise ValueError(f"there is no model {name!r}{hint}; there are: {', '.join(known)}")
+    return [entry for entry in entries if not names or entry.name in names]
+
+
 def _parameters(model: Any) -> str:
     if model is None:
         return "-"
@@ -91,8 +109,8 @@ def _first_line(model: Any) -> str:
     return re.sub(r" \((ALGORITHMS )?§[^)]*\)", "", line)
 
 
-def _check(entries: list[Entry], out: Any) -> bool:
-    """Print law by law; return whether all hold."""
+def _check(entries: list[Entry], out: Any, in_full: bool) -> bool:
+    """Print each model's laws, or in a line that all hold; return whether they do for all."""
     from imm_tdoa import testing
 
     faulty: list[str] = []
@@ -107,13 +125,16 @@ def _check(entries: list[Entry], out: Any) -> bool:
                 found.append((entry, testing.verdicts(testing.specimen(entry.model)), ""))
             except Exception as error:  # likewise: told as this model's fault
                 found.append((entry, [], f"cannot be tried: {type(error).__name__}: {error}"))
+    out.print()
     for entry, verdicts, reason in found:
         broken = sum(v.outcome == "broken" for v in verdicts)
         if broken or reason:
             faulty.append(entry.name)
         held = sum(v.outcome == "holds" for v in verdicts)
         summary = reason or (f"{broken} laws BROKEN" if broken else f"all {held} laws hold")
-        output.heading(out, f"\n{entry.name}: {summary}")
+        output.heading(out, f"{entry.name}: {summary}")
+        if not (in_full or broken):
+            continue
         table = output.table([("law", False)] * 3, header=False)
         for v in verdicts:
             told = v.statement if v.outcome == "holds" else f"{v.statement}\n{v.message}"
@@ -121,6 +142,7 @@ def _check(entries: list[Entry], out: Any) -> bool:
             outcome = Text(OUTCOME.get(v.outcome, v.outcome), style=style or "")
             table.add_row(Text(v.law), outcome, Text(told), style=style)
         out.print(table)
+        out.print()
     sound = len(entries) - len(faulty)
     whose = f"; not {', '.join(faulty)}" if faulty else ""
     output.heading(out, f"\n{sound} of {len(entries)} models keep every law{whose}")

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -16,6 +16,9 @@ from rich.table import Table
 from rich.text import Text
 
 from imm_tdoa.recording import _atomic
+
+if TYPE_CHECKING:
+    from imm_tdoa.recording.table import Table as Columns
 
 WIDTH = 120  # of tables where there is no terminal
 
@@ -42,14 +45,27 @@ def folder(given: Path | None, recording: Path, suffix: str = "") -> Path:
     place = out.resolve()
     if place == recording or recording in place.parents:
         raise ValueError(f"--out: {str(out)!r} lies inside the recording; give a folder elsewhere")
-    refuse_file(out)
+    refuse_taken(out)
     return out
 
 
-def refuse_file(out: Path) -> None:
-    """Raise ValueError where a file has the name of the folder to write to."""
+def refuse_taken(out: Path) -> None:
+    """Refuse to write into what is no folder, or into a recording.
+
+    Parameters
+    ----------
+    out : Path
+        What ``--out`` says.
+
+    Raises
+    ------
+    ValueError
+        It is a file, or holds a recording.
+    """
     if out.exists() and not out.is_dir():
         raise ValueError(f"--out: expected a folder, {str(out)!r} is a file")
+    if (out / "recording.toml").exists():
+        raise ValueError(f"--out: {str(out)!r} is a recording; give a folder elsewhere")
 
 
 def file_name(target: str) -> str:
@@ -62,6 +78,14 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     with _atomic.file(path) as draft:
         text = json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False)
         draft.write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+def write_table(path: Path, content: Columns) -> None:
+    """Write a table as CSV, whole or not at all."""
+    from imm_tdoa.recording import _csv
+
+    with _atomic.file(path) as draft:
+        _csv.write(draft, content)
 
 
 def _plain(value: Any) -> Any:

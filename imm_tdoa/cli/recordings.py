@@ -14,12 +14,35 @@ if TYPE_CHECKING:
 
 @contextmanager
 def folder(recording: Path | None) -> Iterator[Path]:
-    """The recording's folder, or that of the shipped sample."""
+    """Give the recording's folder, or that of the shipped sample.
+
+    Parameters
+    ----------
+    recording : Path or None
+        What the command line says.
+
+    Raises
+    ------
+    ValueError
+        It is a scenario's name, of which no recording has been made.
+    """
     if recording is not None:
+        if not recording.exists():
+            _refuse_scenario(str(recording))
         yield recording
         return
     with resources.as_file(resources.files("imm_tdoa").joinpath("sample")) as place:
         yield place
+
+
+def _refuse_scenario(name: str) -> None:
+    from imm_tdoa.simulate import scenarios
+
+    if name in scenarios():
+        raise ValueError(
+            f"folder: there is none called {name!r}, but a scenario; "
+            f"imm-tdoa simulate {name} --out {name} makes a recording of it"
+        )
 
 
 def targets(data: Recording, wanted: Sequence[str] | None) -> tuple[str, ...]:

@@ -160,7 +160,6 @@ def _compare_all(
 
 def _write(home: Path, results: Mapping[str, Result]) -> list[str]:
     """One row per target and model."""
-    from imm_tdoa.recording import _atomic, _csv
     from imm_tdoa.recording.table import Table
 
     rows = [
@@ -174,8 +173,8 @@ def _write(home: Path, results: Mapping[str, Result]) -> list[str]:
         for name, result in results.items()
         for row in result.found.table()
     ]
-    with _atomic.file(home / "select.csv") as draft:
-        _csv.write(draft, Table({key: np.array([row[key] for row in rows]) for key in rows[0]}))
+    columns = {key: np.array([row[key] for row in rows]) for key in rows[0]}
+    output.write_table(home / "select.csv", Table(columns))
     return ["select.csv"]
 
 

@@ -56,6 +56,8 @@ def simulate(
     from imm_tdoa.simulate import load, simulate_labelled
 
     plan = load(scenario)
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"--out: expected a folder, {str(out)!r} is a file")
     if out.is_dir() and any(out.iterdir()) and not force:
         raise ValueError(f"--out: {str(out)!r} is not empty; give --force to replace a recording")
     with output.progress(None) as advance:

@@ -95,6 +95,7 @@ def study(
         return
     plan = studies.load(name, runs=runs, seed=seed)
     home = Path("imm-tdoa-out") / Path(name).stem if out is None else out
+    output.refuse_taken(home)
     begun = time.perf_counter()
     with _progress() as tell:
         try:
@@ -204,6 +205,9 @@ def _tell(console: Console, plan: Study, found: xr.Dataset) -> None:
             str(int(one["failed"])),
         )
     console.print(table)
+    console.print(
+        "like: banks of one scenario that share a letter cannot be told apart; a: the best"
+    )
     if len(rows) > SHOWN:
         console.print(output.escaped(f"… and {len(rows) - SHOWN} more in summary.csv"))
     said = conclude(found)

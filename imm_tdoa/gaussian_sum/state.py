@@ -6,6 +6,7 @@ import attrs
 import numpy as np
 
 from imm_tdoa import mixture
+from imm_tdoa._brief import brief
 from imm_tdoa.contract import Array, Index
 from imm_tdoa.mixture import Mixture
 from imm_tdoa.statespace import StateSpace
@@ -44,6 +45,8 @@ class SumState:
     nis: Array
     nis_dof: Index
     space: StateSpace
+
+    __repr__ = brief
 
     @property
     def components(self) -> tuple[str, ...]:

@@ -9,13 +9,15 @@ import attrs
 import numpy as np
 
 from imm_tdoa import _validate, mixture
-from imm_tdoa.contract import AXES, Array, Index, component_names
+from imm_tdoa._brief import brief
+from imm_tdoa.contract import Array, Index
 from imm_tdoa.gaussian_sum.state import SumState
+from imm_tdoa.readout import Readout, over_time
 from imm_tdoa.statespace import StateSpace
 
 
 @attrs.frozen(eq=False)
-class SumTrack:
+class SumTrack(Readout):
     """The Gaussian sum after every scan.
 
     Attributes
@@ -49,6 +51,8 @@ class SumTrack:
     nis_dof: Index
     space: StateSpace
 
+    __repr__ = brief
+
     @classmethod
     def from_states(cls, states: Sequence[SumState], times: Array) -> SumTrack:
         """Stack the states of successive scans.
@@ -63,9 +67,7 @@ class SumTrack:
         batch = states[-1].log_likelihood.shape
 
         def stacked(arrays: Sequence[Any], trailing: int) -> Any:
-            shapes = [batch + a.shape[a.ndim - trailing :] for a in arrays]
-            full = [np.broadcast_to(a, s) for a, s in zip(arrays, shapes, strict=True)]
-            return np.stack(full, axis=len(batch))
+            return over_time(arrays, batch, trailing)
 
         log_weight = stacked([s.log_weight for s in states], 1)
         means = stacked([s.means for s in states], 2)
@@ -85,36 +87,9 @@ class SumTrack:
         )
 
     @property
-    def components(self) -> tuple[str, ...]:
-        """Names of the components of `mean`."""
-        return self.space.components
-
-    @property
     def weight(self) -> Array:
         """Weights (..., T, N)."""
         return np.asarray(np.exp(self.log_weight))
-
-    @property
-    def position(self) -> Array:
-        """Positions (..., T, d), m."""
-        return self.mean[..., self._indices(AXES[: self.space.dims])]
-
-    @property
-    def position_covariance(self) -> Array:
-        """Covariances of the position (..., T, d, d), m²."""
-        i = self._indices(AXES[: self.space.dims])
-        return self.covariance[..., i[:, None], i]
-
-    @property
-    def velocity(self) -> Array:
-        """Velocities (..., T, d), m/s; zero where the motion has none."""
-        names = component_names(self.space.dims, 1)[self.space.dims :]
-        if names[0] not in self.components:
-            return np.zeros_like(self.position)
-        return self.mean[..., self._indices(names)]
-
-    def _indices(self, names: Sequence[str]) -> Index:
-        return np.array([self.components.index(name) for name in names], dtype=np.int64)
 
 
 def settled(position: Any, origin: Any) -> Index:

@@ -7,15 +7,15 @@ the emitter. The station heard with the most others is that reference; it comes 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import attrs
 import numpy as np
 
-from imm_tdoa import gaussian, registry
-from imm_tdoa._validate import array
-from imm_tdoa.contract import Array, Index, Mask, MeasurementModel
-from imm_tdoa.geometry import incidence
+from imm_tdoa import registry
+from imm_tdoa.contract import Array, Index, Mask
+from imm_tdoa.locate.merged import Merged
+from imm_tdoa.scans import Scans
 from imm_tdoa.stations import Stations
 
 
@@ -75,7 +75,13 @@ class Epochs:
         return self.dims * (2 if self.moving else 1)
 
     def part(self, which: Any) -> Epochs:
-        """Return some of the epochs."""
+        """Return some of the epochs.
+
+        Parameters
+        ----------
+        which : slice, or array of int or bool
+            Which of the N.
+        """
         some: dict[str, Any] = {
             name: None if getattr(self, name) is None else getattr(self, name)[which]
             for name in _PER_EPOCH
@@ -84,33 +90,35 @@ class Epochs:
         return attrs.evolve(self, declared=(s[which], vs[which]), **some)
 
     @classmethod
-    def of(
-        cls, measurement: MeasurementModel, times: Array, values: Array, pairs: Index | None = None
-    ) -> Epochs:
-        """Return the epochs of scans: values (N, m) in the measurement's units at times (N,).
+    def of(cls, scans: Scans) -> Epochs:
+        """Return every scan as an epoch, N = those of all targets.
+
+        Parameters
+        ----------
+        scans : Scans
+            Values (..., T, m) of time differences, with or without range-rate differences.
 
         Raises
         ------
         ValueError
-            A measurement of something else than time and range-rate differences of one set of
-            stations.
+            A measurement of something else, or by more than one set of stations.
         """
-        if pairs is not None:
-            measurement = measurement.with_pairs(pairs)
+        single = scans.apart()
+        measurement, times, values = single.measured_at(0), single.times[:, 0], single.values[:, 0]
         time_part, rate_part, stations = _parts(measurement)
         s, vs = (np.broadcast_to(a, (len(values), *a.shape[-2:])) for a in stations.at(times))
         z = values * measurement.scale
         known: Mask = np.isfinite(z) & measurement.independent(np.isfinite(z))
         heard: Mask = np.asarray(np.isfinite(s).all(axis=-1))
         merged = [
-            _Merged.of(part, times, z[:, rows], known[:, rows], heard)
+            Merged.of(part, times, z[:, rows], known[:, rows], heard)
             for part, rows in (time_part, rate_part)
             if part is not None
         ]
         return cls._arranged(stations, s, vs, merged)
 
     @classmethod
-    def _arranged(cls, stations: Stations, s: Array, vs: Array, merged: list[_Merged]) -> Epochs:
+    def _arranged(cls, stations: Stations, s: Array, vs: Array, merged: list[Merged]) -> Epochs:
         N, S = s.shape[:2]
         one = np.arange(N)
         score = sum(
@@ -182,57 +190,6 @@ _PER_EPOCH = (
 )
 
 
-class _Merged(NamedTuple):
-    """Whitened rows z (N, m) = D (N, m, S) ranges, and which stations they connect (N, S, S)."""
-
-    z: Array
-    D: Array
-    connected: Mask
-
-    @classmethod
-    def of(cls, part: Any, times: Array, z: Array, known: Mask, heard: Mask) -> _Merged:
-        S = heard.shape[-1]
-        if hasattr(part, "pairs"):
-            D = np.broadcast_to(incidence(part.pairs, S), (*z.shape, S))
-        else:
-            D = np.broadcast_to(np.eye(S), (*z.shape, S))
-        known = known & ~np.any((D != 0.0) & ~heard[:, None, :], axis=-1)
-        R = np.broadcast_to(part.sensor_covariance(times), (*z.shape, z.shape[-1]))
-        both = known[:, :, None] & known[:, None, :]
-        T, left = gaussian.offset_contrast(np.einsum("nii->ni", R), known, part.offset_group)
-        z = np.einsum("...ij,...j->...i", T, np.where(known, z, 0.0))
-        D = T @ np.where(known[..., None], D, 0.0)
-        R = T @ np.where(both, R, 0.0) @ np.swapaxes(T, -1, -2)
-        z, D, R = gaussian.mask_rows(z, D, R, left)
-        L = gaussian.factor(R, "noise covariance")
-        white = np.linalg.solve(L, np.concatenate([D, z[..., None]], axis=-1))
-        touched = np.abs(D) > 0.0
-        step = np.einsum("nms,nmt->nst", touched.astype(float), touched.astype(float)) > 0.0
-        for _ in range(max(S - 1, 1).bit_length()):
-            step = np.einsum("nst,ntu->nsu", step.astype(float), step.astype(float)) > 0.0
-        return cls(white[..., -1], white[..., :-1], step)
-
-    def against(self, column: Index, known: Mask) -> tuple[Array, Array, Array, Index]:
-        """Differences of the `known` columns after the first against it, and what is left over.
-
-        Returns the differences (N, K - 1), a root of their covariance, the chi2 (N,) and the
-        number (N,) of the rows.
-        """
-        one = np.arange(len(column))[:, None]
-        D = np.swapaxes(np.swapaxes(self.D, -1, -2)[one, column[:, 1:]], -1, -2)
-        D = np.where(known[:, None, :], D, 0.0)
-        own = np.any(D != 0.0, axis=-1)
-        z = np.where(own, self.z, 0.0)
-        A = np.swapaxes(D, -1, -2) @ D
-        both = known[:, :, None] & known[:, None, :]
-        C = gaussian.symmetric(np.linalg.inv(np.where(both, A, np.eye(A.shape[-1]))))
-        x = (C @ np.swapaxes(D, -1, -2) @ z[..., None])[..., 0]
-        misfit = z - np.einsum("nmk,nk->nm", D, x)
-        root = np.where(known[..., None], gaussian.factor(C, "noise covariance"), 0.0)
-        count = np.count_nonzero(own, axis=-1)
-        return np.where(known, x, 0.0), root, np.einsum("nm,nm->n", misfit, misfit), count
-
-
 def _parts(measurement: Any) -> tuple[tuple[Any, slice], tuple[Any, slice], Stations]:
     """The model of time differences, that of range-rate differences or None, and the stations."""
     models = getattr(measurement, "models", (measurement,))
@@ -262,55 +219,3 @@ def square_root(Q: Array) -> Array:
     w, V = np.linalg.eigh(Q)
     result: Array = V * np.sqrt(np.maximum(w, 0.0))[..., None, :]
     return result
-
-
-def checked(
-    stations: Stations,
-    tdoa: Any,
-    *,
-    toa_sigma: Any,
-    tdoa_sigma: Any,
-    pairs: Any,
-    speed: float,
-    range_rate: Any,
-    range_rate_sigma: Any,
-    time: Any,
-) -> tuple[MeasurementModel, Array, Array]:
-    """Return the measurement model, times (...) and values (..., m) that the arguments make.
-
-    Raises
-    ------
-    ValueError
-        Arguments that do not fit, named.
-    """
-    measurement: MeasurementModel = registry.load("tdoa")(
-        stations, toa_sigma=toa_sigma, tdoa_sigma=tdoa_sigma, pairs=pairs, speed=speed
-    )
-    values = array("tdoa", tdoa, (None, measurement.size), finite=False)
-    if (range_rate is None) != (range_rate_sigma is None):
-        raise ValueError("range_rate: give range_rate and range_rate_sigma together")
-    if range_rate is not None:
-        rates = array("range_rate", range_rate, values.shape, finite=False)
-        other = registry.load("fdoa")(stations, range_rate_sigma=range_rate_sigma, pairs=pairs)
-        measurement = registry.load("stack")(measurement, other)
-        values = np.concatenate([values, rates], axis=-1)
-    times = array("time", time)
-    try:
-        times = np.broadcast_to(times, values.shape[:-1])
-    except ValueError:
-        raise ValueError(
-            f"time: expected one time, or as many as there are fixes, {values.shape[:-1]}; "
-            f"got {times.shape}"
-        ) from None
-    if values.size == 0:
-        raise ValueError("tdoa: expected at least one fix, got a batch of none")
-    return measurement, times, values
-
-
-def refuse_too_few(stations: Stations, needed: int, method: str) -> None:
-    """Refuse fewer stations than `method` can ever locate with."""
-    if len(stations) < needed:
-        raise ValueError(
-            f"stations: {method} needs at least {needed} in {stations.dims} dimensions, "
-            f"got {len(stations)}"
-        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import attrs
 
+from imm_tdoa._brief import brief
 from imm_tdoa.contract import Array, Index, Mask
 
 
@@ -44,6 +45,8 @@ class Fix:
     dof: Index
     mirror: Array | None = None
     weight: Array | None = None
+
+    __repr__ = brief
 
     @property
     def ambiguous(self) -> bool:

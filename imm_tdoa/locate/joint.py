@@ -7,13 +7,14 @@ from typing import Any, Literal
 import numpy as np
 
 from imm_tdoa import _validate
-from imm_tdoa.contract import Array, MeasurementModel
-from imm_tdoa.locate.epochs import Epochs, checked, refuse_too_few
+from imm_tdoa.contract import Array
+from imm_tdoa.locate.arguments import checked, refuse_too_few
+from imm_tdoa.locate.epochs import Epochs
 from imm_tdoa.locate.gauss_newton import fix_scans
 from imm_tdoa.locate.joint_descent import descend, station_covariance
 from imm_tdoa.locate.joint_fix import JointFix
 from imm_tdoa.locate.receiver_errors import judged, receivers
-from imm_tdoa.locate.two_step import epochs_of, estimate
+from imm_tdoa.locate.two_step import estimate
 from imm_tdoa.scans import Scans
 from imm_tdoa.stations import Stations
 
@@ -81,7 +82,7 @@ def joint(
     ----------
     H. Xiong et al., CN112444776A, 2021 (Source D).
     """
-    measurement, times, values = checked(
+    scans = checked(
         stations,
         tdoa,
         toa_sigma=toa_sigma,
@@ -92,12 +93,7 @@ def joint(
         range_rate_sigma=range_rate_sigma,
         time=time,
     )
-    _refuse_unknown(initial, iterations)
-    refuse_too_few(stations, stations.dims + 1, "joint")
-    flat = values.reshape(-1, values.shape[-1])
-    epochs = Epochs.of(measurement, times.reshape(-1), flat)
-    scans = _one_by_one(measurement, times.reshape(-1), flat, None)
-    return _fix(epochs, scans, initial, iterations, times.shape)
+    return _located(scans, scans.batch, initial, iterations)
 
 
 def joint_scans(scans: Scans, *, initial: Initial = "two-step", iterations: int = 10) -> JointFix:
@@ -120,27 +116,14 @@ def joint_scans(scans: Scans, *, initial: Initial = "two-step", iterations: int 
     ValueError
         Other measurements; fewer than d + 1 stations.
     """
+    return _located(scans, (*scans.batch, scans.count), initial, iterations)
+
+
+def _located(scans: Scans, batch: tuple[int, ...], initial: Initial, iterations: int) -> JointFix:
+    """Return a fix of each scan, in batch axes that hold as many."""
     _refuse_unknown(initial, iterations)
-    epochs, batch = epochs_of(scans)
+    epochs, single = Epochs.of(scans), scans.apart()
     refuse_too_few(epochs.stations, epochs.dims + 1, "joint")
-    m = scans.values.shape[-1]
-    times = np.broadcast_to(scans.times, batch).reshape(-1)
-    values = np.broadcast_to(scans.values, (*batch, m)).reshape(-1, m)
-    pairs = scans.pairs
-    if pairs is not None:
-        pairs = np.broadcast_to(pairs, (*batch, *pairs.shape[-2:])).reshape(-1, *pairs.shape[-2:])
-    single = _one_by_one(scans.measurement, times, values, pairs)
-    return _fix(epochs, single, initial, iterations, batch)
-
-
-def _one_by_one(measurement: MeasurementModel, times: Array, values: Array, pairs: Any) -> Scans:
-    pairs = None if pairs is None else pairs[:, None]
-    return Scans(measurement, times[:, None], values[:, None], pairs)
-
-
-def _fix(
-    epochs: Epochs, scans: Scans, initial: Initial, iterations: int, batch: tuple[int, ...]
-) -> JointFix:
     d, N = epochs.dims, len(epochs.z)
     start, mirror = np.full((N, epochs.unknowns), np.nan), np.full((N, d), np.nan)
     if initial == "two-step" and len(epochs.stations) >= d + 2:
@@ -149,7 +132,7 @@ def _fix(
     found = descend(epochs, start, iterations)
     lost = np.flatnonzero(~found.arrived)
     if lost.size:
-        other, mirror[lost] = _searched(epochs, scans, lost)
+        other, mirror[lost] = _searched(epochs, single, lost)
         again = descend(epochs.part(lost), other, iterations)
         nowhere = ~np.isfinite(start[lost]).all(axis=-1)
         start[lost[nowhere]] = other[nowhere]

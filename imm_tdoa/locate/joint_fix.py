@@ -5,6 +5,7 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
+from imm_tdoa._brief import brief
 from imm_tdoa.contract import Array
 from imm_tdoa.locate.fix import Fix
 
@@ -27,3 +28,5 @@ class JointFix(Fix):
     stations: Array = attrs.field(factory=lambda: np.zeros((0, 0)))
     station_velocities: Array = attrs.field(factory=lambda: np.zeros((0, 0)))
     station_covariance: Array = attrs.field(factory=lambda: np.zeros((0, 0, 0)))
+
+    __repr__ = brief

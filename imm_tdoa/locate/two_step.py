@@ -9,7 +9,8 @@ import numpy as np
 from imm_tdoa import _validate
 from imm_tdoa.contract import Array
 from imm_tdoa.locate import linear_steps
-from imm_tdoa.locate.epochs import Epochs, checked, refuse_too_few
+from imm_tdoa.locate.arguments import checked, refuse_too_few
+from imm_tdoa.locate.epochs import Epochs
 from imm_tdoa.locate.fix import Fix
 from imm_tdoa.locate.linear_steps import Weights
 from imm_tdoa.locate.receiver_errors import judged
@@ -86,7 +87,7 @@ def two_step(
     second step); C. Liu et al., Acta Aeronautica et Astronautica Sinica 36(5), 1617-1626, 2015
     (error correction).
     """
-    measurement, times, values = checked(
+    scans = checked(
         stations,
         tdoa,
         toa_sigma=toa_sigma,
@@ -97,11 +98,7 @@ def two_step(
         range_rate_sigma=range_rate_sigma,
         time=time,
     )
-    _refuse_unknown(second_step, receiver_weights, reweight)
-    refuse_too_few(stations, stations.dims + 2, "two_step")
-    epochs = Epochs.of(measurement, times.reshape(-1), values.reshape(-1, values.shape[-1]))
-    x, covariance = estimate(epochs, second_step, receiver_weights, reweight)
-    return fix_of(epochs, x, covariance, 1 + reweight, times.shape)
+    return _located(scans, scans.batch, second_step, receiver_weights, reweight)
 
 
 def two_step_scans(
@@ -130,8 +127,20 @@ def two_step_scans(
     ValueError
         Other measurements; fewer than d + 2 stations.
     """
+    every = (*scans.batch, scans.count)
+    return _located(scans, every, second_step, receiver_weights, reweight)
+
+
+def _located(
+    scans: Scans,
+    batch: tuple[int, ...],
+    second_step: SecondStep,
+    receiver_weights: Weights,
+    reweight: int,
+) -> Fix:
+    """Return a fix of each scan, in batch axes that hold as many."""
     _refuse_unknown(second_step, receiver_weights, reweight)
-    epochs, batch = epochs_of(scans)
+    epochs = Epochs.of(scans)
     refuse_too_few(epochs.stations, epochs.dims + 2, "two_step")
     x, covariance = estimate(epochs, second_step, receiver_weights, reweight)
     return fix_of(epochs, x, covariance, 1 + reweight, batch)
@@ -179,18 +188,6 @@ def fix_of(epochs: Epochs, x: Array, covariance: Array, passes: int, batch: tupl
         chi2=chi2.reshape(batch),
         dof=np.maximum(epochs.rows - epochs.unknowns, 0).reshape(batch),
     )
-
-
-def epochs_of(scans: Scans) -> tuple[Epochs, tuple[int, ...]]:
-    """Return every scan of `scans` as an epoch, and the shape (..., T) they make."""
-    batch = (*scans.batch, scans.count)
-    m = scans.values.shape[-1]
-    values = np.broadcast_to(scans.values, (*batch, m)).reshape(-1, m)
-    times = np.broadcast_to(scans.times, batch).reshape(-1)
-    pairs = scans.pairs
-    if pairs is not None:
-        pairs = np.broadcast_to(pairs, (*batch, *pairs.shape[-2:])).reshape(-1, *pairs.shape[-2:])
-    return Epochs.of(scans.measurement, times, values, pairs), batch
 
 
 def _refuse_unknown(second_step: str, receiver_weights: str, reweight: int) -> None:

@@ -168,7 +168,7 @@ def _map(
     note = f"{outside} of {len(position)} track points lie outside the map" if outside else ""
     maps = [(ax, shown, unit)]
     if len(far.names) and np.min(far.distances(box)) <= OVERVIEW * box.width:
-        note += "\nblue frame in the small map: this one"
+        note += "\nframe below: this map"
         cells = beside.subgridspec(2, 1)
         beside, small = cells[0], figure.add_subplot(cells[1])
         heard = receivers.part(receivers.ever_heard)

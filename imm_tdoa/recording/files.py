@@ -17,6 +17,7 @@ from imm_tdoa.recording.table import Table
 
 FORMATS: dict[str, ModuleType] = {"csv": _csv, "parquet": _parquet}
 STATIONS = "stations"
+ORIGIN = ("lat_deg", "lon_deg", "height_m")
 
 
 def read(folder: str | Path) -> Recording:
@@ -161,8 +162,8 @@ def _settings(recording: Recording) -> dict[str, Any]:
         "frame": {"kind": "local"},
     }
     if recording.frame is not None:
-        origin = attrs.asdict(recording.frame)
-        data["frame"] = {"kind": "enu"} | {f"origin_{k}": float(v) for k, v in origin.items()}
+        origin = {name: getattr(recording.frame, name) for name in ORIGIN}
+        data["frame"] = {"kind": "enu"} | {f"origin_{k}": v for k, v in origin.items()}
     sections = {
         "noise": attrs.asdict(recording.noise),
         "truth": attrs.asdict(recording.truth_scoring),

@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 
 from imm_tdoa import _validate
+from imm_tdoa._brief import brief
 from imm_tdoa.contract import Array
 from imm_tdoa.frames import EastNorthUp
 from imm_tdoa.recording import checks, gather, schema
@@ -81,6 +82,8 @@ class Recording:
     truth: Table | None = attrs.field(default=None, kw_only=True)
     source: Mapping[str, Any] = attrs.field(factory=dict, kw_only=True)
     notes: Mapping[str, Any] = attrs.field(factory=dict, kw_only=True)
+
+    __repr__ = brief
 
     def __attrs_post_init__(self) -> None:
         if self.dims not in (2, 3):
@@ -234,7 +237,13 @@ class Recording:
         )
 
     def truth_times(self, target: str | None = None) -> Array:
-        """Return the times (K,) of a target's truth rows, s; empty where it has none."""
+        """Return the times (K,) of a target's truth rows, s; empty where it has none.
+
+        Parameters
+        ----------
+        target : str, optional
+            Whose; not needed where there is one.
+        """
         rows = self._truth_rows(target)
         return np.zeros(0) if self.truth is None else np.asarray(self.truth["time_s"][rows])
 

@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from imm_tdoa._brief import brief
 from imm_tdoa.contract import Index
 
 ColumnArray = NDArray[np.float64] | NDArray[np.str_]
@@ -57,6 +58,8 @@ class Table:
     file: str = attrs.field(default="", kw_only=True)
     lines: Index | None = attrs.field(default=None, kw_only=True, repr=False)
 
+    __repr__ = brief
+
     def __len__(self) -> int:
         return next((len(array) for array in self.columns.values()), 0)
 
@@ -70,7 +73,15 @@ class Table:
         return iter(self.columns)
 
     def place(self, row: int, column: str) -> str:
-        """Return ``file:line: column`` of a row (``file[row]: column`` where no line is known)."""
+        """Return ``file:line: column`` of a row (``file[row]: column`` where no line is known).
+
+        Parameters
+        ----------
+        row : int
+            Which row.
+        column : str
+            Which column.
+        """
         where = self.file or "table"
         where += f"[{row}]" if self.lines is None else f":{int(self.lines[row])}"
         return f"{where}: {column}"

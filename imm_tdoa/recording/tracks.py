@@ -62,6 +62,15 @@ def write_geojson(path: str | Path, tracks: Mapping[str, Track], frame: EastNort
     Coordinates are longitude and latitude, degrees, and the height above the WGS84 ellipsoid, m;
     a line is cut at the 180th meridian. A track in two dimensions runs at z = 0.
 
+    Parameters
+    ----------
+    path : path
+        File to write; replaced whole or not at all.
+    tracks : mapping of str to Track
+        One track, without batch axes, per target.
+    frame : EastNorthUp
+        Where on the Earth the axes are.
+
     Raises
     ------
     ValueError
@@ -76,6 +85,15 @@ def write_kml(path: str | Path, tracks: Mapping[str, Track], frame: EastNorthUp)
     A track in three dimensions has its heights above the WGS84 ellipsoid as absolute altitudes;
     programs that count altitudes from the sea draw it off by the geoid's height there (up to
     100 m). A track in two dimensions lies on the ground.
+
+    Parameters
+    ----------
+    path : path
+        File to write; replaced whole or not at all.
+    tracks : mapping of str to Track
+        One track, without batch axes, per target.
+    frame : EastNorthUp
+        Where on the Earth the axes are.
 
     Raises
     ------

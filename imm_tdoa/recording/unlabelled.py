@@ -112,6 +112,11 @@ def without_labels(recording: Recording) -> Recording:
     """Return the recording as if nobody knew whose the rows are.
 
     The names stay in its tables, hidden from a tracker; `unlabelled` hands them to scoring.
+
+    Parameters
+    ----------
+    recording : Recording
+        One that says whose its rows are, or not.
     """
     return attrs.evolve(recording, labelled=False)
 
@@ -123,6 +128,11 @@ def unlabelled(recording: Recording) -> UnlabelledScans:
     scan. Differences of the same ``time_s`` make a scan in which every target could be heard.
     Standard deviations are those of `Recording.scans`; where rows of one pair or station at the
     same time have different ones, all get the larger.
+
+    Parameters
+    ----------
+    recording : Recording
+        Whose rows; labels are put aside for scoring.
 
     Raises
     ------

@@ -8,6 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from imm_tdoa._brief import brief
 from imm_tdoa.contract import AXES
 from imm_tdoa.recording import Noise, Recording, Table
 from imm_tdoa.recording.schema import MEASURED
@@ -42,6 +43,8 @@ class Simulated:
 
     recording: Recording
     origins: Origins
+
+    __repr__ = brief
 
     def told_apart(self) -> Recording:
         """Return the labelled recording of those rows that are of just one target."""

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 
 from imm_tdoa import _structure
+from imm_tdoa._shelf import Shelf
 from imm_tdoa.simulate.scenario import Scenario
 
-_SHELF = resources.files("imm_tdoa.simulate").joinpath("scenarios")
+SHELF = Shelf("scenario", "shipped scenario", "simulate/scenarios")
 
 
 def scenarios() -> tuple[str, ...]:
     """Return the names of the scenarios that ship with the package."""
-    return tuple(sorted(f.name[:-5] for f in _SHELF.iterdir() if f.name.endswith(".toml")))
+    return SHELF.names()
 
 
 def load(name_or_path: str | Path) -> Scenario:
@@ -32,20 +32,8 @@ def load(name_or_path: str | Path) -> Scenario:
         file (``scenario.toml: targets[0].legs[1].duration_s: …``), what was wrong and what was
         expected.
     """
-    if isinstance(name_or_path, str) and name_or_path in scenarios():
-        text = _SHELF.joinpath(f"{name_or_path}.toml").read_text("utf-8")
-        return read(text, f"{name_or_path}.toml")
-    path = Path(name_or_path)
-    if path.is_dir():
-        raise ValueError(f"scenario: {str(name_or_path)!r} is a folder; expected a TOML file")
-    if path.is_file():
-        return read(_structure.read(path), path.name)
-    if isinstance(name_or_path, Path) or path.suffix == ".toml" or len(path.parts) != 1:
-        raise ValueError(f"scenario: there is no file {str(name_or_path)!r}")
-    raise ValueError(
-        f"scenario: no scenario ships under the name {name_or_path!r} and there is no such "
-        f"file{_structure.near(name_or_path, scenarios())}; there are: {', '.join(scenarios())}"
-    )
+    found = SHELF.find(name_or_path)
+    return read(found.text, found.file)
 
 
 def read(text: str, file: str = "scenario") -> Scenario:

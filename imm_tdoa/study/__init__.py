@@ -10,7 +10,8 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from imm_tdoa.study.plan import Study, load, parse, shipped
+from imm_tdoa.study.plan import Study
+from imm_tdoa.study.planfile import load, parse, shipped
 from imm_tdoa.study.running import Progress, run
 from imm_tdoa.study.store import Store
 

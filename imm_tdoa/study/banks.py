@@ -123,27 +123,15 @@ def resolved(entry: BankEntry, folder: Path | None) -> dict[str, Any]:
     table = {key: value for key, value in given.items() if key not in ("bank", *FACTORS)}
     table.update({key: given[key] for key in FACTORS if given[key] != 1.0})
     if entry.bank is not None:
-        name: str | Path = entry.bank
-        if entry.bank not in bankfile.presets() and folder is not None:
-            name = folder / entry.bank if (folder / entry.bank).is_file() else entry.bank
-        bankfile.load(name)  # refuses what is no bank, in its own words
-        table = {**_content(name), **table}
+        found = bankfile.SHELF.find(entry.bank, folder)
+        bankfile.parse(found.text, found.file)  # refuses what is no bank, in its own words
+        table = {**_structure.parse(found.text, found.file), **table}
     elif entry.modes is None:
         raise ValueError("bank: missing; expected a preset, a file, or modes")
     if not table["sweep"]:
         del table["sweep"]
     result: dict[str, Any] = _plain(table)
     return result
-
-
-def _content(name: str | Path) -> dict[str, Any]:
-    path = Path(name)
-    if isinstance(name, str) and name in bankfile.presets():
-        from importlib import resources
-
-        text = resources.files("imm_tdoa.presets").joinpath(f"{name}.toml").read_text("utf-8")
-        return _structure.parse(text, f"{name}.toml")
-    return _structure.parse(_structure.read(path), path.name)
 
 
 def _plain(value: Any) -> Any:

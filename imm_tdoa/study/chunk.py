@@ -15,7 +15,8 @@ from imm_tdoa.study.engines import Engine
 from imm_tdoa.study.filtering import estimate
 from imm_tdoa.study.fixes import Begin
 from imm_tdoa.study.pinning import one_thread
-from imm_tdoa.study.plan import Study, parse
+from imm_tdoa.study.plan import Study
+from imm_tdoa.study.planfile import parse
 from imm_tdoa.study.scenarios import ScenarioCase, Start
 
 

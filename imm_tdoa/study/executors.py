@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from typing import Any, Protocol
 
 import attrs
 
+from imm_tdoa._processors import processors
 from imm_tdoa.study.chunk import Chunk, Task, work
 from imm_tdoa.study.pinning import one_thread
 
@@ -58,19 +58,12 @@ def executor(
             raise ValueError(f"--cluster: expected {SCHEME}host:port, got {cluster!r}")
         _distributed()
         return Cluster(cluster.removeprefix(SCHEME))
-    count = cores() if workers is None else workers
+    count = processors() if workers is None else workers
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise ValueError(f"--workers: expected a whole number of at least 1, got {workers!r}")
     if count == 1:
         return Here()
     return Threads(count) if brief else Processes(count)
-
-
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 class Here:

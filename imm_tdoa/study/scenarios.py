@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 
 from imm_tdoa import _structure, simulate
 from imm_tdoa.bank import Bank
-from imm_tdoa.simulate import Scenario, _checks
+from imm_tdoa.simulate import Scenario, _checks, shelf
 from imm_tdoa.study import banks, sweep
 
 # What drawing understands; anything else that a scenario may say must be at its default.
@@ -177,13 +176,9 @@ def _scenario(given: Any, folder: Path | None) -> tuple[dict[str, Any], str]:
         return _listed(given), str(given.get("title", "scenario"))
     if not isinstance(given, str):
         raise ValueError(f"scenario: expected a name, a file or a table, got {given!r}")
-    if given in simulate.scenarios():
-        shelf = resources.files("imm_tdoa.simulate").joinpath("scenarios")
-        text = shelf.joinpath(f"{given}.toml").read_text("utf-8")
-        return _structure.parse(text, f"{given}.toml"), given
-    path = Path(given) if folder is None or Path(given).is_absolute() else folder / given
-    simulate.load(path if path.is_file() else given)  # refuses what is none, in its own words
-    return _structure.parse(_structure.read(path), path.name), path.stem
+    found = shelf.SHELF.find(given, folder)
+    simulate.read(found.text, found.file)  # refuses what is none, in its own words
+    return _structure.parse(found.text, found.file), Path(found.file).stem
 
 
 def _random(given: Mapping[str, Any], folder: Path | None) -> dict[str, Any]:

@@ -22,7 +22,8 @@ from imm_tdoa import _structure
 from imm_tdoa.contract import Array
 from imm_tdoa.study.chunk import Chunk
 from imm_tdoa.study.engines import Engine
-from imm_tdoa.study.plan import Study, differences, parse
+from imm_tdoa.study.plan import Study, differences
+from imm_tdoa.study.planfile import parse
 from imm_tdoa.study.scenarios import ScenarioCase, key_of
 
 OWN = ("chunks", "bounds", "study.toml", "engines.json")
@@ -106,7 +107,13 @@ class Store:
                 place.unlink(missing_ok=True)
 
     def chunks(self, scenario: str) -> list[Path]:
-        """Return the files of a scenario's chunks, in the order of their runs."""
+        """Return the files of a scenario's chunks, in the order of their runs.
+
+        Parameters
+        ----------
+        scenario : str
+            Name of the scenario.
+        """
         pattern = re.compile(re.escape(key_of(scenario)) + r"-(\d{8,})\.npz")
         place = self.folder / "chunks"
         files = place.iterdir() if place.is_dir() else ()
@@ -114,21 +121,52 @@ class Store:
         return [found[first] for first in sorted(found)]
 
     def load(self, path: str | Path) -> dict[str, Any]:
-        """Return the arrays of a chunk's file."""
+        """Return the arrays of a chunk's file.
+
+        Parameters
+        ----------
+        path : str or Path
+            One of `chunks`.
+
+        Returns
+        -------
+        dict of str to array
+            As `Chunk` holds them, the runs in ``runs``.
+        """
         with np.load(path, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
 
     def cost(self, path: str | Path) -> Array:
-        """Return the seconds (B,) that each bank's filter took, for a chunk's file."""
+        """Return the seconds (B,) that each bank's filter took, for a chunk's file.
+
+        Parameters
+        ----------
+        path : str or Path
+            One of `chunks`.
+        """
         cost = json.loads(_cost_of(Path(path)).read_text("utf-8"))
         return np.array(cost["seconds"], dtype=float)
 
     def steps(self, path: str | Path) -> int:
-        """Return the number of steps that each bank's filter took, for a chunk's file."""
+        """Return the number of steps that each bank's filter took, for a chunk's file.
+
+        Parameters
+        ----------
+        path : str or Path
+            One of `chunks`.
+        """
         return int(json.loads(_cost_of(Path(path)).read_text("utf-8"))["steps"])
 
     def save(self, study: Study, chunk: Chunk) -> Path:
-        """Write a chunk and return its file, which is on the disk by then."""
+        """Write a chunk and return its file, which is on the disk by then.
+
+        Parameters
+        ----------
+        study : Study
+            What is being run.
+        chunk : Chunk
+            What was computed of it.
+        """
         case = study.scenarios[chunk.task.scenario]
         path = self.folder / "chunks" / f"{case.key}-{chunk.task.first:08d}.npz"
         cost = {"seconds": list(chunk.seconds), "steps": chunk.steps}
@@ -137,7 +175,20 @@ class Store:
         return path
 
     def missing(self, study: Study, case: ScenarioCase) -> list[tuple[int, int]]:
-        """Return the chunks of a scenario that are not there, whole and of the right runs."""
+        """Return the chunks of a scenario that are not there, whole and of the right runs.
+
+        Parameters
+        ----------
+        study : Study
+            What is to be run.
+        case : ScenarioCase
+            One of its scenarios.
+
+        Returns
+        -------
+        list of (int, int)
+            First run of each chunk and the run after its last.
+        """
         there = {path.name: path for path in self.chunks(case.name)}
         result = []
         for first, last in study.chunks(case):
@@ -157,15 +208,35 @@ class Store:
         return int(first), int(last)
 
     def bound(self, scenario: str) -> dict[str, Any]:
-        """Return the arrays of `bounds.bound` of a scenario."""
+        """Return the arrays of `bounds.bound` of a scenario.
+
+        Parameters
+        ----------
+        scenario : str
+            Name of the scenario.
+        """
         return self.load(self._bound(scenario))
 
     def has_bound(self, scenario: str) -> bool:
-        """Return whether the bound of a scenario is there."""
+        """Return whether the bound of a scenario is there.
+
+        Parameters
+        ----------
+        scenario : str
+            Name of the scenario.
+        """
         return self._bound(scenario).is_file()
 
     def save_bound(self, scenario: str, arrays: Mapping[str, Any]) -> None:
-        """Write the bound of a scenario."""
+        """Write the bound of a scenario.
+
+        Parameters
+        ----------
+        scenario : str
+            Name of the scenario.
+        arrays : mapping of str to array
+            As `bound` returns them.
+        """
         _write(self._bound(scenario), lambda file: np.savez(file, **arrays))
 
     def _bound(self, scenario: str) -> Path:
@@ -178,7 +249,13 @@ class Store:
         return tuple(json.loads(path.read_text("utf-8"))) if path.is_file() else ()
 
     def save_engines(self, engines: Sequence[Engine]) -> None:
-        """Write what computes each bank's filter: a study goes on with what it began with."""
+        """Write what computes each bank's filter: a study goes on with what it began with.
+
+        Parameters
+        ----------
+        engines : sequence of str
+            One per bank.
+        """
         text = json.dumps(list(engines))
         _write(self.folder / "engines.json", lambda file: file.write(text.encode()))
 

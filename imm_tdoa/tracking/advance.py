@@ -17,6 +17,7 @@ from imm_tdoa.tracking.rows import Unlabelled
 from imm_tdoa.tracking.scene import Record, Scene, counted
 from imm_tdoa.tracking.settings import Settings
 from imm_tdoa.tracking.standing import Standing
+from imm_tdoa.tracking.strangers import log_density
 from imm_tdoa.tracking.taking import (
     OWN,
     confirmed_take,
@@ -50,9 +51,12 @@ def advance(settings: Settings, scene: Scene, scan: Scan) -> Scene:
     density = clutter.density if settings.clutter_density is None else settings.clutter_density
     state = _predicted(settings, scene, scan.time)
     first, second = np.flatnonzero(scene.confirmed), np.flatnonzero(~scene.confirmed)
-    own = confirmed_take(settings, batches.select(state, first), rows, density)
+    strangers = -np.inf
+    if rows.emission is not None:
+        strangers = log_density(measurement, scene.memory, scan.time)
+    own = confirmed_take(settings, batches.select(state, first), rows, density, strangers)
     left = less(rows, values_of(own.members[scene.settled[first]], len(scan)))
-    tried = trials_take(settings, batches.select(state, second), left, density)
+    tried = trials_take(settings, batches.select(state, second), left, density, strangers)
     order = np.argsort(np.concatenate([first, second]), kind="stable")
     state = batches.select(batches.join([own.state, tried.state]), order)
     members, share, gain, worth = (

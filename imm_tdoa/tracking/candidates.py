@@ -27,7 +27,7 @@ from imm_tdoa.tracking.combinations import (
     supported,
 )
 from imm_tdoa.tracking.merit import merit
-from imm_tdoa.tracking.messages import messages
+from imm_tdoa.tracking.messages import locate, messages
 from imm_tdoa.tracking.rows import Unlabelled
 
 CONTRADICTION = 0.999  # a fix whose chi2 lies beyond this quantile is none
@@ -109,6 +109,7 @@ class Combining:
         d, m = measurement.dims, measurement.size
         if scan.emission is not None:
             members = messages(scan, m)
+            members = members[locate(measurement, members)]
             if not len(members):
                 return Candidates.none(d, m), 0
             return self._fitted(measurement, time, scan, density, members, None), 0

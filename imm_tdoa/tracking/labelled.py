@@ -8,7 +8,7 @@ rows, not with the number of different times.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import attrs
@@ -16,6 +16,7 @@ import numpy as np
 
 from imm_tdoa.bank import Bank
 from imm_tdoa.contract import Index, MeasurementModel
+from imm_tdoa.engine import Engine
 from imm_tdoa.imm import IMM
 from imm_tdoa.recording import schema
 from imm_tdoa.recording.recording import Recording
@@ -31,6 +32,9 @@ def run(
     make: Callable[[MeasurementModel], IMM],
     recording: Recording,
     progress: Progress | None = None,
+    *,
+    targets: Sequence[str] | None = None,
+    engine: Engine = "auto",
 ) -> tuple[dict[str, Track], dict[str, str]]:
     """Return the track of every target by name, and why others could not be tracked.
 
@@ -42,22 +46,28 @@ def run(
         A labelled one.
     progress : callable, optional
         Is told the number of targets done, and of all.
+    targets : sequence of str, optional
+        Whom to track; default all.
+    engine : "auto", "numpy" or "compiled"
+        What computes.
 
     Notes
     -----
     Targets measured by the same model (stations, pairs, noise) make one batch. Rows with standard
     deviations of their own make a model of their own for each target, and are run one by one.
     """
-    targets = recording.targets
+    targets = recording.targets if targets is None else tuple(targets)
     batches: dict[str, list[tuple[str, Scans]]] = {}
     tracks: dict[str, Track] = {}
     failed: dict[str, str] = {}
     for name, own in _by_target(recording):
+        if name not in targets:
+            continue
         scans = own.scans(name)
         batches.setdefault(_fingerprint(scans), []).append((name, scans))
     done = 0
     for batch in batches.values():
-        some, why = _together(make(batch[0][1].measurement), batch)
+        some, why = _together(make(batch[0][1].measurement), batch, engine)
         tracks |= some
         failed |= why
         done += len(batch)
@@ -105,21 +115,23 @@ def _without_pairs(measurement: Any) -> Any:
     return said
 
 
-def _together(imm: IMM, batch: list[tuple[str, Scans]]) -> tuple[dict[str, Track], dict[str, str]]:
+def _together(
+    imm: IMM, batch: list[tuple[str, Scans]], engine: Engine
+) -> tuple[dict[str, Track], dict[str, str]]:
     """Run targets of one measurement model side by side; those without a start are left out."""
     try:
-        return _split(imm, batch, _run(imm, batch)), {}
+        return _split(imm, batch, _run(imm, batch, engine)), {}
     except ValueError as error:
         if len(batch) == 1:
             return {}, {batch[0][0]: str(error)}
     # someone has no start: find out who, half by half
     middle = len(batch) // 2
-    first, why = _together(imm, batch[:middle])
-    second, more = _together(imm, batch[middle:])
+    first, why = _together(imm, batch[:middle], engine)
+    second, more = _together(imm, batch[middle:], engine)
     return first | second, why | more
 
 
-def _run(imm: IMM, batch: list[tuple[str, Scans]]) -> Track:
+def _run(imm: IMM, batch: list[tuple[str, Scans]], engine: Engine) -> Track:
     N, T = len(batch), max(scans.count for _, scans in batch)
     m = imm.measurement.size
     times, values = np.zeros((N, T)), np.full((N, T, m), np.nan)
@@ -135,7 +147,7 @@ def _run(imm: IMM, batch: list[tuple[str, Scans]]) -> Track:
         if pairs is not None and scans.pairs is not None:
             pairs[n, :K] = scans.pairs
             pairs[n, K:] = scans.pairs[-1]
-    return imm.run(times, values, pairs=pairs)
+    return imm.run(times, values, pairs=pairs, engine=engine)
 
 
 def _split(imm: IMM, batch: list[tuple[str, Scans]], whole: Track) -> dict[str, Track]:

@@ -81,10 +81,9 @@ def led(
     ratio = np.zeros(len(new_fix))
     own = np.full((len(new_fix), WINDOW, m), UNKNOWN, dtype=np.int64)
     parts, order = [], []
-    for s in np.unique(memory.scan[old_fix]).tolist():
-        some = np.flatnonzero(memory.scan[old_fix] == s)
+    for some in _groups(memory.scan[old_fix], apart=now.emission is None):
         old, new = memory.part(old_fix[some]), found.part(new_fix[some])
-        ago = min(now.scan - s, WINDOW - 1)
+        s, ago = int(old.scan[0]), np.minimum(now.scan - old.scan, WINDOW - 1)
         gains[some, ago], merits[some, ago] = old.log_odds, old.merit
         ratio[some], own[some, ago] = old.log_odds, old.members
         state = batches.whole(imm.start(old.time, old.position, old.covariance))
@@ -120,6 +119,13 @@ def led(
     back = np.argsort(np.concatenate(order), kind="stable")
     state = batches.select(batches.join(parts), back)
     return Led(state, ratio, gains, merits, own[:, :TOLD])
+
+
+def _groups(scan: Index, *, apart: bool) -> list[Index]:
+    """Tracks that are led together: those from fixes of one scan, or messages, all (B,)."""
+    if not apart:
+        return [np.arange(len(scan))]
+    return [np.flatnonzero(scan == s) for s in np.unique(scan)]
 
 
 def swerve(imm: IMM, dt: Array) -> Array:

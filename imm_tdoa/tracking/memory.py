@@ -13,6 +13,8 @@ from imm_tdoa.tracking.rows import Unlabelled
 if TYPE_CHECKING:
     from imm_tdoa.tracking.candidates import Candidates
 
+STRANGERS = 30  # fixes of messages that are remembered to tell how dense emitters are
+
 
 @attrs.frozen(eq=False)
 class Heard:
@@ -65,6 +67,8 @@ class Memory:
         The rows of those scans, where tracks that begin are to be led back through them.
     thin : tuple of Heard
         The rows of scans too thin for a fix that no track took.
+    strangers : (S, d)
+        The last fixes of messages that no track took, however old.
     """
 
     time: Array
@@ -76,6 +80,11 @@ class Memory:
     merit: Array
     heard: tuple[Heard, ...] = ()
     thin: tuple[Heard, ...] = ()
+    strangers: Array = attrs.field()
+
+    @strangers.default
+    def _none_yet(self) -> Array:
+        return np.zeros((0, self.dims))
 
     @property
     def dims(self) -> int:
@@ -103,7 +112,13 @@ class Memory:
             np.concatenate([self.merit, found.merit]),
             self.heard,
             self.thin,
+            self.strangers,
         )
+
+    def with_strangers(self, found: Candidates) -> Memory:
+        """Return it with the fixes of messages of a scan."""
+        places = np.concatenate([self.strangers, found.position])
+        return attrs.evolve(self, strangers=places[-STRANGERS:])
 
     def part(self, which: Any) -> Memory:
         """Return some of the fixes."""

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from imm_tdoa import _validate, initiation
-from imm_tdoa.contract import Array, Index
+from imm_tdoa.contract import Array, Index, MeasurementModel
 from imm_tdoa.imm import IMM
 from imm_tdoa.tracking import batches
 from imm_tdoa.tracking.births import Births, no_others, unknown
@@ -18,6 +18,7 @@ from imm_tdoa.tracking.clutter import extent
 from imm_tdoa.tracking.gathering import gathered, is_thin
 from imm_tdoa.tracking.leading import led, swerve
 from imm_tdoa.tracking.memory import Heard, Memory
+from imm_tdoa.tracking.messages import locate, messages
 from imm_tdoa.tracking.standing import TOLD, WINDOW
 
 REACHABLE = 0.999  # quantile of the distance between two fixes of one emitter
@@ -39,7 +40,8 @@ class PairedFixes:
     most_births : int
         Most tracks begun in one scan; the pairs that fit the birth law best go first.
     detection_probability : float
-        Probability that a row of a target is measured.
+        Probability that a row of a target is measured in a scan in which every target could be
+        heard; of messages it says nothing.
     lookback : int
         Number of scans through which a track that begins is led back, where rows are barely
         enough for a position.
@@ -53,8 +55,8 @@ class PairedFixes:
     where nothing moves one fix is enough.
 
     A scan without enough different rows for a fix is put together with others of the kind
-    (`imm_tdoa.tracking.gathering`). Messages are not: one at fewer than d + 1 stations begins no
-    track, though it is taken by the track that it fits.
+    (`imm_tdoa.tracking.gathering`). Messages are not: one at fewer than d + 1 stations (d with a
+    height) begins no track and is counted as ignored, unless a track takes it that it fits.
     """
 
     scans: int = attrs.field(default=5, kw_only=True)
@@ -84,6 +86,9 @@ class PairedFixes:
         combine = Combining(self.most_combinations, self.detection_probability)
         found, left_out = combine(imm.measurement, now.time, now.rows, now.density)
         ignored = {"combinations over the cap": left_out} if left_out else {}
+        short = _too_short(imm.measurement, now, known)
+        if short:
+            ignored["messages at too few stations to begin a track"] = short
         found = found.part(no_others(found.members, known))
         memory = self._recent(memory, now)
         kept = memory.with_fixes(found, now.time, now.scan)
@@ -92,6 +97,8 @@ class PairedFixes:
             return self._at_rest(imm, now.time, found, kept, ignored)
         if now.emission is None:
             kept = attrs.evolve(kept, heard=(*memory.heard, now))
+        else:
+            kept = kept.with_strangers(found)
         new, old, apart, over = self._pairs(imm, memory, found, now.time, speed)
         if over:
             ignored["births over the cap"] = over
@@ -189,6 +196,15 @@ class PairedFixes:
         new, old = new[order], old[order]
         size = np.linalg.slogdet(2.0 * np.pi * C[new, old])[1]
         return new, old, -0.5 * (distance[new, old] + size), over
+
+
+def _too_short(measurement: MeasurementModel, now: Heard, known: Index) -> int:
+    """Number of messages that no track took and that are no fix by themselves."""
+    if now.emission is None:
+        return 0
+    members = messages(now.rows, measurement.size)
+    short = members[~locate(measurement, members)]
+    return len(no_others(short, known))
 
 
 def _probability(value: Any) -> float:

@@ -32,6 +32,15 @@ def _associator(value: Any) -> Any:
     return value
 
 
+def _detection_probability(value: Any) -> float:
+    number = _validate.positive("detection_probability", value)
+    if not number < 1.0:
+        raise ValueError(
+            f"detection_probability: expected a probability above 0 and below 1, got {value!r}"
+        )
+    return number
+
+
 def _part(kind: type) -> Any:
     def check(_: Any, field: Any, value: Any) -> None:
         if isinstance(value, type) or not callable(value):
@@ -44,21 +53,46 @@ def _part(kind: type) -> Any:
 
 @attrs.frozen(eq=False)
 class Settings:
-    """How a tracker works; the parameters are those of `imm_tdoa.Tracker`."""
+    """How a tracker works, every part of it checked.
+
+    Parameters
+    ----------
+    imm : IMM
+        Predicts the tracks and takes their rows in; its measurement says what is measured.
+    associator : "global", "jpda", "nearest" or Associator
+        Who takes which rows among confirmed tracks.
+    initiation : Initiation
+        How tracks begin.
+    confirmation : Confirmation
+        When a track on trial is believed.
+    deletion : Deletion
+        When a confirmed track ends.
+    merging : Merging
+        Which tracks repeat others.
+    detection_probability, clutter_density, gate_probability : float
+        What is measured of a target, and what else is; as `imm_tdoa.Tracker` explains them.
+    overload, most_trials, patience, probation, margin : float or int
+        When rows are too many, and how long rivals wait; likewise.
+
+    Raises
+    ------
+    ValueError
+        A part that does not do its work, a number out of its range, an IMM with a robust rule.
+    """
 
     imm: IMM
     associator: Associator | Named = attrs.field(
         default="global", kw_only=True, converter=_associator
     )
-    initiation: Initiation = attrs.field(
-        factory=PairedFixes, kw_only=True, validator=_part(Initiation)
+    detection_probability: float = attrs.field(
+        default=0.9, kw_only=True, converter=_detection_probability
     )
+    initiation: Initiation = attrs.field(kw_only=True, validator=_part(Initiation))
     confirmation: Confirmation = attrs.field(
         factory=SequentialRatio, kw_only=True, validator=_part(Confirmation)
     )
     deletion: Deletion = attrs.field(factory=Silence, kw_only=True, validator=_part(Deletion))
     merging: Merging = attrs.field(factory=Duplicates, kw_only=True, validator=_part(Merging))
-    detection_probability: float = attrs.field(default=0.9, kw_only=True)
     clutter_density: Any = attrs.field(default=None, kw_only=True)
     gate_probability: float = attrs.field(default=0.9999, kw_only=True, converter=gate_probability)
     overload: float = attrs.field(default=20.0, kw_only=True)
@@ -67,18 +101,16 @@ class Settings:
     probation: int = attrs.field(default=25, kw_only=True)
     margin: float = attrs.field(default=6.0, kw_only=True)
 
+    @initiation.default
+    def _paired_fixes(self) -> Initiation:
+        return PairedFixes(detection_probability=self.detection_probability)
+
     def __attrs_post_init__(self) -> None:
         if self.imm.robust is not None:
             raise ValueError(
                 f"imm: robust = {self.imm.robust!r} is for rows of which it is known whose they "
                 f"are: it makes another emitter's rows fit by leaving out what does not; without "
                 f"labels association leaves such rows to others (gate_probability)"
-            )
-        number = _validate.positive("detection_probability", self.detection_probability)
-        if not number < 1.0:
-            raise ValueError(
-                f"detection_probability: expected a probability above 0 and below 1, "
-                f"got {self.detection_probability!r}"
             )
         if self.clutter_density is not None:
             density = _validate.array("clutter_density", self.clutter_density)

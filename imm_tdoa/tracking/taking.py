@@ -49,14 +49,16 @@ class Taken(NamedTuple):
     claimed: Array
 
 
-def confirmed_take(settings: Settings, state: State, rows: Unlabelled, density: Array) -> Taken:
+def confirmed_take(
+    settings: Settings, state: State, rows: Unlabelled, density: Array, strangers: float
+) -> Taken:
     """Give the confirmed tracks their rows by the associator, or whole messages."""
     measurement = settings.imm.measurement
     heard = heard_rows(rows, measurement.size)
     if not len(state.log_likelihood) or not heard.any():
         return _none(state, rows, measurement.size)
     if rows.emission is not None and np.any(measurement.offset_group >= 0):
-        return _messages_take(settings, state, rows, exclusive=True)
+        return _messages_take(settings, state, rows, strangers, exclusive=True)
     prediction = predict_rows(measurement, state, heard)
     association = settings.associate(density)(prediction, rows)
     if association.decided:
@@ -64,14 +66,16 @@ def confirmed_take(settings: Settings, state: State, rows: Unlabelled, density: 
     return _weighed(settings, state, rows, density, prediction, association)
 
 
-def trials_take(settings: Settings, state: State, rows: Unlabelled, density: Array) -> Taken:
+def trials_take(
+    settings: Settings, state: State, rows: Unlabelled, density: Array, strangers: float
+) -> Taken:
     """Give each track on trial what is nearest, whoever else takes it."""
     measurement = settings.imm.measurement
     heard = heard_rows(rows, measurement.size)
     if not len(state.log_likelihood) or not heard.any():
         return _none(state, rows, measurement.size)
     if rows.emission is not None:
-        return _messages_take(settings, state, rows, exclusive=False)
+        return _messages_take(settings, state, rows, strangers, exclusive=False)
     prediction = predict_rows(measurement, state, heard)
     association = likeliest(
         prediction, rows, density, settings.detection_probability, settings.gate_probability
@@ -79,7 +83,9 @@ def trials_take(settings: Settings, state: State, rows: Unlabelled, density: Arr
     return _decided(settings, state, rows, density, prediction, association)
 
 
-def _messages_take(settings: Settings, state: State, rows: Unlabelled, *, exclusive: bool) -> Taken:
+def _messages_take(
+    settings: Settings, state: State, rows: Unlabelled, strangers: float, *, exclusive: bool
+) -> Taken:
     measurement = settings.imm.measurement
     region = measurement.dims * np.log(extent(measurement, float(np.max(state.time))))
     chosen = choose(
@@ -89,6 +95,7 @@ def _messages_take(settings: Settings, state: State, rows: Unlabelled, *, exclus
         rows,
         settings.gate_probability,
         region,
+        strangers,
         exclusive=exclusive,
     )
     share = np.where(chosen.members >= 0, 1.0, np.nan)

@@ -41,7 +41,7 @@ class Tracker:
         Who takes which rows among confirmed tracks. A name stands for `GlobalNearest`, `Jpda`
         with ``permutations="best"`` and the learnt clutter density, `Nearest`.
     initiation : Initiation
-        How tracks begin: `PairedFixes`.
+        How tracks begin: `PairedFixes`, by default with this tracker's detection probability.
     confirmation : Confirmation
         When a track on trial is believed: `SequentialRatio` or `Hits` (M of N).
     deletion : Deletion
@@ -49,11 +49,14 @@ class Tracker:
     merging : Merging
         Which tracks repeat others: `Duplicates`.
     detection_probability : float
-        Probability that a row of a target is measured in a scan.
+        Probability that a row of a target is measured in a scan in which every target could be
+        heard. Messages (arrival times) come when they come: it says nothing of them.
     clutter_density : float or (m,), optional
         Expected false values per scan and unit of each row (per metre). Default: learnt.
     gate_probability : float
-        Probability that a target's own value passes its gate.
+        Probability that a target's own value passes its gate. A target also leaves a message
+        that is likelier an emitter's without a track: to one of which nearly nothing is known
+        any more all messages fit.
     overload : float
         A scan with so many times the usual number of rows says nothing: tracks coast, its rows
         are counted as ignored. If it goes on, it becomes usual.
@@ -144,6 +147,16 @@ class Tracker:
         A scan that is earlier than the last is ignored and counted, as is whatever else cannot
         be used (`Tracks.ignored`).
 
+        Parameters
+        ----------
+        scan : Scan
+            What was measured at one time, as `imm_tdoa.recording.unlabelled` makes it.
+
+        Returns
+        -------
+        Tracks
+            The confirmed tracks, this scan included.
+
         Raises
         ------
         ValueError
@@ -169,6 +182,16 @@ class Tracker:
             What was measured.
         progress : callable, optional
             Is told how many scans (targets) are done, and how many there are.
+
+        Returns
+        -------
+        Tracks
+            The confirmed tracks, or those of the labelled targets.
+
+        Raises
+        ------
+        ValueError
+            Something that is no recording and no scans, or scans that do not fit the measurement.
         """
         if isinstance(recording, Recording) and recording.labelled:
             return self._run_labelled(recording, progress)
@@ -205,11 +228,34 @@ class Tracker:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the whole state to one file (no pickle), whole or not at all."""
+        """Write the whole state to one file (no pickle), whole or not at all.
+
+        Parameters
+        ----------
+        path : str or Path
+            Where; a file that is there is replaced. The folder must exist.
+
+        Raises
+        ------
+        ValueError
+            A tracker without a measurement has no state yet.
+        OSError
+            The file cannot be written.
+        """
         store.save(path, self.settings, self.scene)
 
     def resume(self, path: str | Path) -> Tracker:
         """Go on from a saved state, as if there had been no interruption; returns the tracker.
+
+        Parameters
+        ----------
+        path : str or Path
+            What `save` wrote.
+
+        Returns
+        -------
+        Tracker
+            This tracker.
 
         Raises
         ------

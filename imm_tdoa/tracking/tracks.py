@@ -187,6 +187,18 @@ class Tracks(Mapping[str, Track]):
 
         Rows before the confirmation count as not there, rows after the last one heard too where
         the track has ended.
+
+        Parameters
+        ----------
+        times : (T,)
+            Times of scans, s; at other times no track has a position.
+
+        Returns
+        -------
+        names : tuple of str
+            Names of the N tracks.
+        position : (N, T, d)
+            Where they were, m.
         """
         times = np.asarray(times, dtype=float)
         d = next(iter(self.values())).space.dims if len(self) else 0
@@ -199,7 +211,23 @@ class Tracks(Mapping[str, Track]):
         return self.names, result
 
     def taken(self, name: str) -> tuple[Index, Index]:
-        """Return the scan (K,) and the place in that scan (K,) of every value a track took."""
+        """Return the scan (K,) and the place in that scan (K,) of every value a track took.
+
+        Parameters
+        ----------
+        name : str
+            The track.
+
+        Returns
+        -------
+        scan, value : (K,) int
+            Number of the scan among all that the tracker was given, and of the value in it.
+
+        Raises
+        ------
+        ValueError
+            No such track, or the tracks of a labelled recording.
+        """
         scene = self._scene
         if scene is None:
             raise ValueError("taken: labelled tracks take the rows of their own target")
@@ -222,6 +250,16 @@ class Tracks(Mapping[str, Track]):
         ----------
         scans : sequence of Scan
             All scans the tracker was given, from its first; those without targets count as "".
+
+        Returns
+        -------
+        dict of str to list of str
+            By track.
+
+        Raises
+        ------
+        ValueError
+            The tracks of a labelled recording.
         """
         result: dict[str, list[str]] = {}
         for name in self:

@@ -159,7 +159,7 @@ def test_every_fault_has_its_place(text: str, message: str, tmp_path: Path) -> N
 def test_what_is_neither_preset_nor_file(tmp_path: Path) -> None:
     every = ", ".join(bankfile.presets())
     for name, message in {
-        "drnoe": "bank: no preset and no file is called 'drnoe' (did you mean 'drone'?); presets "
+        "drnoe": "bank: no preset and no file is called 'drnoe' (did you mean 'drone'?); there "
         f"are: {every}",
         "missing.toml": "bank: there is no file 'missing.toml'",
         str(tmp_path): f"bank: {str(tmp_path)!r} is a folder; expected a TOML file",

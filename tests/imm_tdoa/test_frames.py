@@ -154,3 +154,30 @@ def test_what_is_refused() -> None:
 def test_frames_of_equal_origins_are_equal() -> None:
     assert EastNorthUp(48, 9) == EastNorthUp(48.0, 9.0, 0.0)
     assert len({EastNorthUp(48, 9), EastNorthUp(48.0, 9.0)}) == 1
+
+
+def test_heights_and_their_gradients_are_those_of_pymap3d() -> None:
+    """Wherever aircraft fly; pymap3d's own closed form is good to 1e-8 m there."""
+    rng = np.random.default_rng(11)
+    for lat, lon in ((-89.9, 0.0), (-33.0, 151.0), (0.0, -179.0), (47.9, 9.3), (90.0, 10.0)):
+        frame = EastNorthUp(lat, lon, 120.0)
+        points = rng.uniform(-1.0, 1.0, (300, 3)) * [5e5, 5e5, 2e4]
+        height, gradient = frame.height(points)
+        phi, lam, expected = pymap3d.enu2geodetic(*points.T, lat, lon, 120.0)
+        np.testing.assert_allclose(height, expected, rtol=0.0, atol=1e-7)
+        p, t = np.radians(phi), np.radians(lam)
+        normal = np.cos(p) * np.cos(t), np.cos(p) * np.sin(t), np.sin(p)
+        up = np.stack(pymap3d.ecef2enuv(*normal, lat, lon), axis=-1)
+        np.testing.assert_allclose(gradient, up, rtol=0.0, atol=1e-13)
+
+
+def test_near_the_centre_pymap3d_serves_and_the_others_are_not_touched() -> None:
+    frame = EastNorthUp(10.0, 20.0, 0.0)
+    points = np.array([[1e3, 2e3, 5e3], [1e5, -2e5, -4.5e6], [np.nan, 0.0, 0.0]])
+    with np.errstate(all="raise"):
+        lat, lon, height = frame.to_geodetic(points)
+        alone = frame.to_geodetic(points[:1])
+    expected = np.array(pymap3d.enu2geodetic(*points[1], 10.0, 20.0, 0.0))
+    np.testing.assert_allclose([lat[1], lon[1], height[1]], expected, rtol=1e-12)
+    np.testing.assert_array_equal([lat[0], lon[0], height[0]], [v[0] for v in alone])
+    assert np.isnan([lat[2], lon[2], height[2]]).all()

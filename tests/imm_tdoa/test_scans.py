@@ -54,6 +54,24 @@ def test_pairs_of_each_scan():
     assert Scans.checked(TDOA3, [0.0], np.zeros((1, 3))).measured_at(0) is TDOA3
 
 
+@pytest.mark.parametrize("shared", [True, False])
+def test_every_scan_by_itself(shared):
+    rng = np.random.default_rng(3)
+    values, times = rng.normal(size=(2, 5, 1)), np.sort(rng.normal(size=(2, 5)))
+    pairs = PAIRS if shared else np.stack([PAIRS, PAIRS[::-1]])
+    whole = Scans.checked(TDOA3, times, values, pairs)
+    single = whole.apart()
+    assert (single.batch, single.count) == ((10,), 1)
+    for i in range(2):
+        one = whole.of_target((i,))
+        for k in range(5):
+            here = single.of_target((5 * i + k,))
+            assert_array_equal(here.times, one.times[k : k + 1])
+            assert_array_equal(here.values, one.values[k : k + 1])
+            assert_array_equal(here.pairs, one.pairs[k : k + 1])
+    assert Scans.checked(TDOA3, times, rng.normal(size=(2, 5, 3))).apart().pairs is None
+
+
 def test_one_target_of_a_batch():
     rng = np.random.default_rng(0)
     values = rng.normal(size=(2, 3, 5, 1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,6 +11,7 @@ import typer
 
 from imm_tdoa.cli import options, output
 from imm_tdoa.cli.options import OutFolder
+from imm_tdoa.cli.reproduce import folder
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -125,7 +127,7 @@ def motion_form(
     """
     from imm_tdoa.reproduce import motion_form as source_a
 
-    output.refuse_file(out)
+    output.refuse_taken(out)
     switches = source_a.Switches(
         tdoa_sign=tdoa_sign.value,
         jacobian=jacobian.value,
@@ -145,23 +147,14 @@ def motion_form(
 
 
 def _write(home: Path, result: MotionForm) -> list[str]:
-    from imm_tdoa.recording import _atomic, _csv
-    from imm_tdoa.recording.table import Table
     from imm_tdoa.reproduce.motion_form import pictures, pictures_switching, report
 
-    home.mkdir(parents=True, exist_ok=True)
-    tables = report.tables(result)
-    for name, columns in tables.items():
-        with _atomic.file(home / name) as draft:
-            _csv.write(draft, Table(columns))
-    for name in SCENARIOS:
-        pictures.of_scenario(result.table, name, home / f"{name}.png")
-    pictures_switching.over_time(result, home / "switching.png")
-    pictures_switching.sweep(result, home / "sweep.png")
-    drawn = [f"{name}.png" for name in (*SCENARIOS, "switching", "sweep")]
-    files = sorted([*tables, *drawn, "summary.json"])
-    output.write_json(home / "summary.json", {**report.summary(result), "files": files})
-    return files
+    draw = {
+        **{f"{name}.png": partial(pictures.of_scenario, result.table, name) for name in SCENARIOS},
+        "switching.png": partial(pictures_switching.over_time, result),
+        "sweep.png": partial(pictures_switching.sweep, result),
+    }
+    return folder.write(home, report.tables(result), draw, report.summary(result))
 
 
 def _tell(console: Console, result: MotionForm) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +11,7 @@ import typer
 
 from imm_tdoa.cli import options, output
 from imm_tdoa.cli.options import OutFolder
+from imm_tdoa.cli.reproduce import folder
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -17,7 +19,6 @@ if TYPE_CHECKING:
     from imm_tdoa.reproduce.phase_difference.whole import PhaseDifferences
 
 DEFAULT = Path("imm-tdoa-out") / "phase-difference"
-PICTURES = ("single-run", "over-time", "observation-time", "speed", "sector")
 METHODS = {"phase": "phase alone", "rate": "rate alone", "both": "both"}
 
 
@@ -73,7 +74,7 @@ def phase_difference(
     """
     from imm_tdoa.reproduce import phase_difference as source_c
 
-    output.refuse_file(out)
+    output.refuse_taken(out)
     switches = source_c.Switches(
         covariance=covariance.value, merging=merging.value, platform_noise=platform_noise
     )
@@ -87,27 +88,16 @@ def phase_difference(
 
 
 def _write(home: Path, result: PhaseDifferences) -> list[str]:
-    from imm_tdoa.recording import _atomic, _csv
-    from imm_tdoa.recording.table import Table
     from imm_tdoa.reproduce.phase_difference import pictures, pictures_fixes, report
 
-    home.mkdir(parents=True, exist_ok=True)
-    tables = report.tables(result)
-    for name, columns in tables.items():
-        with _atomic.file(home / name) as draft:
-            _csv.write(draft, Table(columns))
-    draw = (
-        pictures.single_run,
-        pictures.over_time,
-        pictures_fixes.by_time,
-        pictures_fixes.by_speed,
-        pictures.sector,
-    )
-    for name, picture in zip(PICTURES, draw, strict=True):
-        picture(result, home / f"{name}.png")
-    files = sorted([*tables, *(f"{name}.png" for name in PICTURES), "summary.json"])
-    output.write_json(home / "summary.json", {**report.summary(result), "files": files})
-    return files
+    draw = {
+        "single-run.png": partial(pictures.single_run, result),
+        "over-time.png": partial(pictures.over_time, result),
+        "observation-time.png": partial(pictures_fixes.by_time, result),
+        "speed.png": partial(pictures_fixes.by_speed, result),
+        "sector.png": partial(pictures.sector, result),
+    }
+    return folder.write(home, report.tables(result), draw, report.summary(result))
 
 
 def _tell(console: Console, result: PhaseDifferences) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +11,7 @@ import typer
 
 from imm_tdoa.cli import options, output
 from imm_tdoa.cli.options import OutFolder
+from imm_tdoa.cli.reproduce import folder
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,7 +58,7 @@ def receiver_errors(
     """
     from imm_tdoa.reproduce import receiver_errors as source_d
 
-    output.refuse_file(out)
+    output.refuse_taken(out)
     with output.progress(source_d.steps() + 1) as advance:
         result = source_d.compute(runs, seed, receiver_weights.value, advance)
         advance("drawing")
@@ -67,23 +69,15 @@ def receiver_errors(
 
 
 def _write(home: Path, result: ReceiverErrors) -> list[str]:
-    from imm_tdoa.recording import _atomic, _csv
-    from imm_tdoa.recording.table import Table
     from imm_tdoa.reproduce.receiver_errors import pictures, report, whole
 
-    home.mkdir(parents=True, exist_ok=True)
-    tables = report.tables(result)
-    for name, columns in tables.items():
-        with _atomic.file(home / name) as draft:
-            _csv.write(draft, Table(columns))
     runs = min(result.table.runs, whole.SWEPT)
-    pictures.of_noise(result.curves, "receivers", runs, home / "receiver-errors.png")
-    pictures.of_noise(result.curves, "measurement", runs, home / "measurement-noise.png")
-    pictures.of_coordinate(result.coordinate, home / "shared-coordinate.png")
-    drawn = ["receiver-errors.png", "measurement-noise.png", "shared-coordinate.png"]
-    files = sorted([*tables, *drawn, "summary.json"])
-    output.write_json(home / "summary.json", {**report.summary(result), "files": files})
-    return files
+    draw = {
+        "receiver-errors.png": partial(pictures.of_noise, result.curves, "receivers", runs),
+        "measurement-noise.png": partial(pictures.of_noise, result.curves, "measurement", runs),
+        "shared-coordinate.png": partial(pictures.of_coordinate, result.coordinate),
+    }
+    return folder.write(home, report.tables(result), draw, report.summary(result))
 
 
 def _tell(console: Console, result: ReceiverErrors) -> None:
@@ -146,7 +140,10 @@ def _notes(result: ReceiverErrors) -> list[str]:
     last = points[-1]
     gains = [point.receiver_gain for point in low]
     k = int(abs(result.coordinate.away - 0.01).argmin())
+    chance = 100.0 / (2.0 * result.table.runs) ** 0.5
     lines = [
+        f"{result.table.runs} runs leave some ±{chance:.2g} % of an RMS error to chance, so it may "
+        f"lie a little below its bound.",
         f"At low and moderate noise (all but the last row) the worst RMS error over its bound is "
         f"{worst['error-correction']:.3f} for error correction, {worst['joint']:.3f} for joint.",
         f"Joint estimation fell back to its initial value in {100.0 * fallback:.2g} % of the runs "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +11,7 @@ import typer
 
 from imm_tdoa.cli import options, output
 from imm_tdoa.cli.options import OutFolder
+from imm_tdoa.cli.reproduce import folder
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -76,7 +78,7 @@ def sequence_filter(
     """
     from imm_tdoa.reproduce import sequence_filter as source_b
 
-    output.refuse_file(out)
+    output.refuse_taken(out)
     switches = source_b.Switches(rule=rule.value, test=test.value, reset_on_gate=reset_on_gate)
     with output.progress(source_b.steps() + 1) as advance:
         result = source_b.compute(runs, seed, switches, advance)
@@ -88,21 +90,14 @@ def sequence_filter(
 
 
 def _write(home: Path, result: Reproduction) -> list[str]:
-    from imm_tdoa.recording import _atomic, _csv
-    from imm_tdoa.recording.table import Table
     from imm_tdoa.reproduce.sequence_filter import pictures, report
 
-    home.mkdir(parents=True, exist_ok=True)
-    tables = report.tables(result)
-    for name, columns in tables.items():
-        with _atomic.file(home / name) as draft:
-            _csv.write(draft, Table(columns))
-    pictures.spot(result, home / "spot.png")
-    pictures.band(result, home / "band.png")
-    pictures.prediction(result, home / "kappa.png")
-    files = sorted([*tables, "spot.png", "band.png", "kappa.png", "summary.json"])
-    output.write_json(home / "summary.json", {**report.summary(result), "files": files})
-    return files
+    draw = {
+        "spot.png": partial(pictures.spot, result),
+        "band.png": partial(pictures.band, result),
+        "kappa.png": partial(pictures.prediction, result),
+    }
+    return folder.write(home, report.tables(result), draw, report.summary(result))
 
 
 def _tell(console: Console, result: Reproduction) -> None:
@@ -124,7 +119,7 @@ def _tell_cases(console: Console, result: Reproduction) -> None:
     from imm_tdoa.reproduce.sequence_filter import report
 
     output.heading(
-        console, "\nTargets that stand; another program's figures (ALGORITHMS §6.2) in brackets"
+        console, "\nTargets that stand; in brackets the figures of an independent program"
     )
     columns = ("kappa", "radius before / after", "error before / after", "error left [m]")
     shown = output.table([("", False), ("weights", False), *((c, True) for c in columns)])
@@ -140,6 +135,7 @@ def _tell_cases(console: Console, result: Reproduction) -> None:
         )
     console.print(shown)
     console.print(
+        "iso, proj, bound: how the process noise follows from the position increment (--rule).\n"
         "weights diagonal: the fix takes adjacent differences as independent; full: as they are, "
         "correlated. A small spot is not a small error: the point stands still beside the target."
     )

@@ -58,7 +58,13 @@ class Single:
 
 @attrs.frozen(eq=False)
 class Sweep:
-    """Every single filter that was tried."""
+    """Every single filter that was tried.
+
+    Attributes
+    ----------
+    singles : tuple of Single
+        Model by model, in the order of their noise.
+    """
 
     singles: tuple[Single, ...]
 

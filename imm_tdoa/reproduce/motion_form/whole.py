@@ -21,7 +21,19 @@ from imm_tdoa.reproduce.motion_form.table_one import Table, table
 
 @attrs.frozen(eq=False)
 class MotionForm:
-    """All that is computed again of Source A, and beyond it."""
+    """All that is computed again of Source A, and beyond it.
+
+    Attributes
+    ----------
+    table : Table
+        Its Table 1.
+    rivals : tuple of Rivals
+        One IMM beside the single filters, by motion of the targets.
+    switching : Switching
+        Targets that change their motion.
+    sweep : Sweep
+        The single filters on those.
+    """
 
     table: Table
     rivals: tuple[Rivals, ...]

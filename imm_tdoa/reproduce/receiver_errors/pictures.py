@@ -71,7 +71,9 @@ def of_noise(
             canvas.dress(ax, label if row else "", "" if column else quantity, title, size=10)
     handles = [*_handles(ESTIMATORS), _line("receivers trusted,\nby theory", ":")]
     handles[-1].set(color=LOOKS["trusted"][0])
-    canvas.legend(figure.add_subplot(grid[:, -1]), handles)
+    chance = 100.0 / np.sqrt(2.0 * runs)  # one standard deviation of an RMS error, of it
+    note = f"one noise for all points:\n±{chance:.0f} % by chance, alike"
+    canvas.legend(figure.add_subplot(grid[:, -1]), handles, note)
     return canvas.finish(figure, path)
 
 

@@ -143,7 +143,17 @@ class Point:
 
 @attrs.frozen(eq=False)
 class Table:
-    """All points, the runs of each and the seed."""
+    """All points, the runs of each and the seed.
+
+    Attributes
+    ----------
+    points : tuple of Point
+        One per emitter and noise.
+    runs, seed : int
+        Of each point; the seed of the noise.
+    weights : str
+        What the weights of the two steps know of the receivers' errors.
+    """
 
     points: tuple[Point, ...]
     runs: int

@@ -17,7 +17,17 @@ SHARED = 500  # most runs of a distance
 
 @attrs.frozen(eq=False)
 class ReceiverErrors:
-    """All that is computed of Source D."""
+    """All that is computed of Source D.
+
+    Attributes
+    ----------
+    table : Table
+        The points where an independent program's figures are known.
+    curves : tuple of Curve
+        Over noise levels.
+    coordinate : Coordinate
+        Where the emitter shares a coordinate with the reference receiver.
+    """
 
     table: Table
     curves: tuple[Curve, ...]

@@ -81,7 +81,23 @@ CASES = (
 
 @attrs.frozen(eq=False)
 class Outcome:
-    """What a case came to, and its fixes (T, 2) of the first run, m."""
+    """What a case came to, and its fixes (T, 2) of the first run, m.
+
+    Attributes
+    ----------
+    case : Case
+        The case.
+    weights : "full" or "diagonal"
+        How the fix weighs the differences.
+    kappa : float
+        Loop gain.
+    spots : Spots
+        What came of the spot.
+    gated : float
+        Share of the differences that the gate refused.
+    raw_fixes, fixes : (T, 2)
+        Of the first run's measured and filtered differences, m.
+    """
 
     case: Case
     weights: Weights

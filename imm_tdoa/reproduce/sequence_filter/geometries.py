@@ -19,7 +19,19 @@ REACH_M = 3000.0  # targets from the middle, at most
 
 @attrs.frozen(eq=False)
 class Geometry:
-    """One geometry, what the loop gain predicts and what came out."""
+    """One geometry, what the loop gain predicts and what came out.
+
+    Attributes
+    ----------
+    dims, stations : int
+        Space dimensions, number of stations.
+    kappa : float
+        Loop gain.
+    spots : Spots
+        What came out.
+    mean_gain : float
+        Mean gain of the filters.
+    """
 
     dims: int
     stations: int

@@ -106,7 +106,15 @@ def band(
 
 @attrs.frozen(eq=False)
 class Turn:
-    """Fixes (T, 2) of one run of a slow turn, before and after, and the true path, m."""
+    """Fixes (T, 2) of one run of a slow turn, before and after, and the true path, m.
+
+    Attributes
+    ----------
+    truth : (T, 2)
+        The true path, m.
+    raw_fixes, fixes : (T, 2)
+        Of the measured and of the filtered differences, m.
+    """
 
     truth: Array
     raw_fixes: Array
@@ -131,7 +139,17 @@ def turn(seed: int = 1, switches: Switches | None = None) -> Turn:
 
 @attrs.frozen(eq=False)
 class Jump:
-    """Rms error (T,), m, of a target that is suddenly elsewhere, and what the filter was."""
+    """Rms error (T,), m, of a target that is suddenly elsewhere, and what the filter was.
+
+    Attributes
+    ----------
+    label : str
+        What the filter was, one of `JUMPS`.
+    error_m : (T,)
+        Rms error at each epoch, m.
+    raw_error_m : float
+        That of unfiltered fixes, m.
+    """
 
     label: str
     error_m: Array

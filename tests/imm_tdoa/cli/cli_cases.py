@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from typer.testing import CliRunner
@@ -64,6 +66,17 @@ def assert_drawn(path: Path) -> None:
     content = path.read_bytes()
     assert content.startswith(b"\x89PNG\r\n\x1a\n")
     assert len(content) > 20_000, f"{path.name}: {len(content)} bytes"
+
+
+def summary_of(out: Path, files: set[str]) -> dict[str, Any]:
+    """Return summary.json of a folder that holds just `files`, as it says; pictures are drawn."""
+    assert {f.name for f in out.iterdir()} == files
+    for name in files:
+        if name.endswith(".png"):
+            assert_drawn(out / name)
+    summary: dict[str, Any] = json.loads((out / "summary.json").read_text("utf-8"))
+    assert set(summary["files"]) == files
+    return summary
 
 
 def path_at(t: Array) -> Array:

@@ -77,7 +77,10 @@ def test_every_part_can_be_asked_for(tmp_path, measured):
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [(("--only", "speed"), "streaming"), (("--out", "{file}"), "expected a folder")],
+    [
+        (("--only", "speed"), "'--only': 'speed' is not one of 'batch', 'streaming'"),
+        (("--out", "{file}"), "expected a folder"),
+    ],
 )
 def test_refuses(tmp_path, measured, arguments, message):
     file = tmp_path / "file"

@@ -209,7 +209,7 @@ def test_nothing_but_false_rows(tmp_path: Path) -> None:
         (("--target", "1"), "--target: nobody knows whose rows are whose"),
         (("--engine", "compiled"), "--engine: only the tracks of labelled recordings"),
         (("--robust", "gate"), "--robust: only for labelled recordings; without labels a row that"),
-        (("--detection-probability", "1.5"), "detection_probability: expected a probability"),
+        (("--detection-probability", "1.5"), "--detection-probability: expected a probability"),
         (("--cutoff", "-1"), "--cutoff: expected"),
     ],
 )

@@ -22,6 +22,13 @@ def missing_folder(tmp: Path) -> tuple[list[str], str]:
     return ["track", where], f"folder: expected a recording folder, there is none at {where!r}"
 
 
+def scenario_for_a_folder(tmp: Path) -> tuple[list[str], str]:
+    return ["locate", "two-ships"], (
+        "folder: there is none called 'two-ships', but a scenario; "
+        "imm-tdoa simulate two-ships --out two-ships makes a recording of it"
+    )
+
+
 def folder_without_recording(tmp: Path) -> tuple[list[str], str]:
     return ["track", str(tmp)], f"recording.toml: missing in {str(tmp)!r}"
 
@@ -56,7 +63,7 @@ def broken_settings(tmp: Path) -> tuple[list[str], str]:
 def unknown_preset(tmp: Path) -> tuple[list[str], str]:
     every = ", ".join(bankfile.presets())
     return ["track", "--bank", "vehicel"], (
-        f"bank: no preset and no file is called 'vehicel' (did you mean 'vehicle'?); presets "
+        f"bank: no preset and no file is called 'vehicel' (did you mean 'vehicle'?); there "
         f"are: {every}"
     )
 
@@ -99,6 +106,7 @@ def out_is_a_file(tmp: Path) -> tuple[list[str], str]:
 
 CASES: list[Case] = [
     missing_folder,
+    scenario_for_a_folder,
     folder_without_recording,
     broken_row,
     unknown_station,

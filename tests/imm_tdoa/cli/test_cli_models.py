@@ -51,6 +51,17 @@ def test_every_model_is_listed() -> None:
     assert "§" not in text
 
 
+def test_models_by_name() -> None:
+    code, text = run("models", "toa", "static")
+    assert code == 0
+    assert text.splitlines()[1].startswith("static")
+    assert "coordinated-turn" not in text
+    code, text = run("models", "statik", "--check")
+    assert code == 2
+    assert text.startswith("imm-tdoa: error: there is no model 'statik' (did you mean 'static'?)")
+    assert text.count("\n") == 1
+
+
 def test_check_tells_law_by_law(monkeypatch: pytest.MonkeyPatch) -> None:
     entries = [models.Entry("static", "imm-tdoa", registry.load("static"))]
     monkeypatch.setattr(models, "_entries", lambda: entries)
@@ -58,6 +69,10 @@ def test_check_tells_law_by_law(monkeypatch: pytest.MonkeyPatch) -> None:
     assert code == 0
     assert "static: all 19 laws hold" in words(text)
     assert "1 of 1 models keep every law" in words(text)
+    assert "semigroup" not in text
+    code, text = run("models", "static", "--check")
+    assert code == 0
+    assert "static: all 19 laws hold" in words(text)
     assert "semigroup holds propagate(propagate(x, a), b) = propagate(x, a + b)" in words(text)
 
 

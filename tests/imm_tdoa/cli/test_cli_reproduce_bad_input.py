@@ -58,6 +58,8 @@ def test_bad_options_are_one_line(arguments: list[str], part: str) -> None:
     assert text.startswith("imm-tdoa: error: ")
     assert part in text
     assert text.count("\n") == 1
+    assert "Value error" not in text
+    assert "Input should be" not in text
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -70,6 +72,17 @@ def test_a_file_in_the_way(name: str, tmp_path: Path) -> None:
         f"imm-tdoa: error: --out: expected a folder, {str(place)!r} is a file\n",
     )
     assert place.read_text("utf-8") == "mine"
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_a_recording_in_the_way(name: str, tmp_path: Path) -> None:
+    (tmp_path / "recording.toml").write_text("mine", "utf-8")
+    code, text = run("reproduce", name, "--out", tmp_path)
+    assert (code, text) == (
+        2,
+        f"imm-tdoa: error: --out: {str(tmp_path)!r} is a recording; give a folder elsewhere\n",
+    )
+    assert [f.name for f in tmp_path.iterdir()] == ["recording.toml"]
 
 
 def test_help_names_every_source() -> None:

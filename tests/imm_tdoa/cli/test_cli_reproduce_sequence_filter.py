@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
-from cli_cases import assert_drawn, run, table, words
+from cli_cases import run, summary_of, table, words
 
 from imm_tdoa.reproduce.sequence_filter import CASES, geometries, moving, scenario
 
@@ -40,19 +39,14 @@ def test_sequence_filter(tmp_path: Path) -> None:
     arguments = ["--runs", "3", "--seed", "2", *switches, "--out", str(out)]
     code, text = run("reproduce", "sequence-filter", *arguments)
     assert code == 0
-    assert {f.name for f in out.iterdir()} == FILES
-    for name in FILES:
-        if name.endswith(".png"):
-            assert_drawn(out / name)
+    summary = summary_of(out, FILES)
     said = words(text)
     assert "The source gives no figures, only the claims" in said
     assert "the spot of a target that stands shrinks to a point" in said
     assert "A small spot is not a small error" in said
     assert "paid with a lag of" in said
-    summary = json.loads((out / "summary.json").read_text("utf-8"))
     assert (summary["runs"], summary["seed"]) == (3, 2)
     assert summary["switches"] == {"rule": "proj", "test": "innovation", "reset_on_gate": True}
-    assert set(summary["files"]) == FILES
     rows = table(out / "cases.csv")
     assert [row["case"] for row in rows] == [case.name for case in CASES for _ in range(2)]
     for row, found in zip(rows, summary["cases"], strict=True):

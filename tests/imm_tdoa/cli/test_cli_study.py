@@ -98,7 +98,7 @@ def test_the_folder_itself_holds_the_study(file: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["discriminatio"], "study: no study ships under the name 'discriminatio'"),
+        (["discriminatio"], "study: no shipped study and no file is called 'discriminatio'"),
         (["no/such.toml"], "study: there is no file 'no/such.toml'"),
         (["FILE", "--workers", "0"], "--workers: expected a whole number of at least 1, got 0"),
         (["FILE", "--cluster", "host:1"], "--cluster: expected dask://host:port, got 'host:1'"),

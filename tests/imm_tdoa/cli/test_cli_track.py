@@ -10,7 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli_cases import assert_drawn, run, table, words, write_recording
+from cli_cases import (
+    SPEED,
+    STATIONS,
+    TIMES,
+    assert_drawn,
+    path_at,
+    run,
+    table,
+    words,
+    write_recording,
+)
 
 RECORDINGS = Path(__file__).parents[4] / "shared" / "data"
 SAMPLE = resources.files("imm_tdoa").joinpath("sample")
@@ -221,3 +231,40 @@ def test_looking_back_over_all_of_it_halves_the_error(tmp_path: Path) -> None:
     assert figures["smooth"] < 0.8 * figures["plain"]
     assert summary["robust"] == "student-t"
     assert "trusted less than half" in text
+
+
+def test_targets_in_one_batch_are_tracked_as_by_themselves(tmp_path: Path) -> None:
+    """Differences: targets with clocks of their own, a pair missing here and there."""
+    rng = np.random.default_rng(4)
+    places = np.array(list(STATIONS.values()))
+    rows = []
+    for i, name in enumerate(("one", "two", "lost")):
+        for k, time in enumerate(np.array(TIMES) + 0.3 * i):
+            away = np.linalg.norm(path_at(time + 40.0 * i) - places, axis=-1)
+            seen = (away - away[0]) / SPEED + 1e-9 * rng.normal(size=5)
+            for j, station in enumerate(list(STATIONS)[1:], start=1):
+                if (name == "lost" and j + k > 1) or (k > 2 and rng.random() < 0.2):
+                    continue
+                rows.append((time, f"{float(time)!r},{station},a,{float(seen[j])!r},{name}"))
+    text = "\n".join(["time_s,station,reference,tdoa_s,target", *(r for _, r in sorted(rows))])
+    files = {"tdoa.csv": text + "\n", "toa.csv": "", "truth.csv": ""}
+    folder = write_recording(tmp_path / "rec", files=files)
+    out = tmp_path / "out"
+    code, _ = run("track", folder, "--out", out, "--smooth")
+    assert code == 0
+    summary = json.loads((out / "summary.json").read_text("utf-8"))
+    assert list(summary["targets"]) == ["one", "two"]
+    assert list(summary["failed"]) == ["lost"]
+    assert all(row["seconds"] > 0.0 for row in summary["targets"].values())
+    together = table(out / "track.csv")
+    for name in ("one", "two"):
+        code, _ = run("track", folder, "--target", name, "--out", tmp_path / name, "--smooth")
+        assert code == 0
+        alone = table(tmp_path / name / "track.csv")
+        mine = [row for row in together if row["target"] == name]
+        assert len(mine) == len(alone) == 15
+        for a, b in zip(mine, alone, strict=True):
+            for key in (key for key in b if key != "target"):
+                assert a[key] == b[key] or float(a[key]) == pytest.approx(
+                    float(b[key]), rel=1e-9, abs=1e-9
+                )

@@ -6,7 +6,9 @@ from typing import Any
 
 import attrs
 import numpy as np
+import pytest
 
+from imm_tdoa import simulate
 from imm_tdoa.recording import Recording
 from imm_tdoa.simulate import Leg, Scenario, Target
 from imm_tdoa.simulate.faults import NoiseLevel
@@ -43,6 +45,16 @@ def scenario(**changes: Any) -> Scenario:
         "targets": [standing()],
     }
     return Scenario(**{**base, **changes})
+
+
+def assert_refused(text: str, message: str) -> None:
+    """The scenario file is refused in one line that begins with its name and `message`."""
+    with pytest.raises(ValueError) as caught:
+        simulate.read(text, "scenario.toml")
+    said = str(caught.value)
+    place = "" if message.startswith("scenario.toml:") else "scenario.toml: "
+    assert said.startswith(place + message), said
+    assert "\n" not in said
 
 
 def rows_of(table: Any, target: str | None = None) -> dict[str, Any]:

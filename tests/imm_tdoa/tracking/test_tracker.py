@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tracker_cases import BANK, MEASUREMENT, PLACES, STEP, path, scan
 
 from imm_tdoa import IMM, Tracker, metrics, plot, recording
-from imm_tdoa.tracking import Hits, Jpda, Silence
+from imm_tdoa.tracking import Hits, Jpda, PairedFixes, Silence
 
 SCANS = 16
 
@@ -172,3 +172,12 @@ def test_wrong_arguments_are_named(four):
     for robust in ("gate", "student-t"):  # they would make the rows of other emitters fit
         with pytest.raises(ValueError, match=f"imm: robust = '{robust}' is for rows of which it"):
             Tracker(BANK, MEASUREMENT, imm={"robust": robust})
+
+
+def test_the_detection_probability_reaches_the_beginning_of_tracks():
+    assert Tracker(BANK, MEASUREMENT).settings.initiation == PairedFixes()
+    tracker = Tracker(BANK, MEASUREMENT, detection_probability=0.6)
+    assert tracker.settings.initiation == PairedFixes(detection_probability=0.6)
+    own = PairedFixes(detection_probability=0.8)
+    tracker = Tracker(BANK, MEASUREMENT, detection_probability=0.6, initiation=own)
+    assert tracker.settings.initiation is own
