@@ -16,17 +16,14 @@ from itertools import product
 import attrs
 import numpy as np
 
-from imm_tdoa import gaussian, mixture, observation
-from imm_tdoa.contract import AXES, Array, Index, Mask, MeasurementModel
+from imm_tdoa import gaussian, observation
+from imm_tdoa.contract import AXES, Array, Mask, MeasurementModel
 from imm_tdoa.observation import Observation
 from imm_tdoa.state import State
-from imm_tdoa.tracking import batches
 from imm_tdoa.tracking.gates import threshold
 
 BETWEEN = 0.2  # of the width that rows were found to have: what lies between points looked at
-SHORT = 0.5  # posterior standard deviations from the best place at which an update is led on
-STILL = 1e-2  # that it may yet move
-ROUNDS = 10
+SETTLED = 0.5  # posterior standard deviations by which one more round of the iteration may move
 
 
 def possible(
@@ -99,9 +96,7 @@ def _star(d: int) -> Array:
 def arrived(measurement: MeasurementModel, before: State, after: State, values: Array) -> State:
     """States of targets (P,) that took in messages, their innovation linearised at these states.
 
-    An update that stopped short of the best place, as the iteration does where an extended
-    update fits better than it promised, is led on; where that does not settle it stays as it is,
-    with the innovation at the prediction.
+    Where the iteration has not settled it stays linearised at the prediction.
 
     Parameters
     ----------
@@ -112,30 +107,16 @@ def arrived(measurement: MeasurementModel, before: State, after: State, values: 
     values : (P, m)
         The messages, in the measurement's units.
     """
-    there: Sequence[Array] = after.means
-    short: Mask = np.ones(len(values), dtype=bool)
-    for k in range(ROUNDS):
-        free = _relinearised(measurement, before, there, values)
-        updates = [
-            gaussian.update(x, P, nu, H, R, free.present)
-            for x, P, nu, H, R in zip(
-                before.means, before.covariances, free.nu, free.H, free.R, strict=True
-            )
-        ]
-        moved = np.max([_moved(u, a) for u, a in zip(updates, there, strict=True)], axis=0)
-        if k == 0:
-            short = moved > SHORT
-        if not np.any(short & (moved > STILL)):
-            break
-        there = [np.where(short[:, None], u.x, a) for u, a in zip(updates, there, strict=True)]
-    settled = ~short | (moved <= STILL)
-    taken = attrs.evolve(after.taken, nis=np.where(settled, _nis(free, before), after.taken.nis))
-    after = attrs.evolve(after, taken=taken)
-    on = np.flatnonzero(short & settled)
-    if not len(on):
-        return after
-    led = _weighed(batches.select(before, on), batches.select(after, on), updates, on)
-    return batches.put(after, on, led)
+    free = _relinearised(measurement, before, after.means, values)
+    again = [
+        gaussian.update(x, P, nu, H, R, free.present)
+        for x, P, nu, H, R in zip(
+            before.means, before.covariances, free.nu, free.H, free.R, strict=True
+        )
+    ]
+    moved = np.max([_moved(u, x) for u, x in zip(again, after.means, strict=True)], axis=0)
+    nis = np.where(moved <= SETTLED, _nis(free, before), after.taken.nis)
+    return attrs.evolve(after, taken=attrs.evolve(after.taken, nis=nis))
 
 
 def _relinearised(
@@ -159,25 +140,6 @@ def _moved(update: gaussian.Update, there: Array) -> Array:
     spread = np.sqrt(np.where(variance > 0.0, variance, np.inf))
     result: Array = np.max(np.abs(update.x - there) / spread, axis=-1)
     return result
-
-
-def _weighed(before: State, after: State, updates: Sequence[gaussian.Update], on: Index) -> State:
-    """The states after the modes' updates, of which `on` are these targets'."""
-    log_l = np.stack([u.log_likelihood[on] for u in updates], axis=-1)
-    log_p, log_total = mixture.normalise(before.log_mode_probability + log_l)
-    taken = attrs.evolve(
-        after.taken,
-        mode_log_likelihood=log_l,
-        mode_nis=np.stack([u.nis[on] for u in updates], axis=-1),
-    )
-    return attrs.evolve(
-        after,
-        means=tuple(u.x[on] for u in updates),
-        covariances=tuple(u.P[on] for u in updates),
-        log_mode_probability=log_p,
-        log_likelihood=before.log_likelihood + log_total,
-        taken=taken,
-    )
 
 
 def _nis(free: Observation, state: State) -> Array:
