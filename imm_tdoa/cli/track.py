@@ -98,12 +98,14 @@ def track(
     Writes track.csv, summary.json, pictures (track.png, error.png) and, where the frame lies on
     the Earth, track.geojson and track.kml; prints a table of errors where there is truth.
 
-    Example, a car from GPS signals, gross errors trusted less, looking back over all of it:
+    Example, arrivals some of which are grossly wrong: trusted less, looking back over all of it:
 
-        imm-tdoa track gnss_phone_drive --bank vehicle --robust student-t --smooth --out car
+        imm-tdoa simulate outliers --out outliers
 
-    Look at car/track.png: the map above, beneath it which motion the target was in. Is the error
-    in car/error.png mostly under its own bound? Then the noise and the bank fit.
+        imm-tdoa track outliers --robust student-t --smooth --out smooth
+
+    Look at smooth/track.png: the map above, beneath it which motion the target was in. Is the
+    error in smooth/error.png mostly under its own bound? Then the noise and the bank fit.
 
     Where nobody knows whose rows are whose (labelled = false), it finds out how many emitters
     there are and which rows are theirs, numbers them, and writes tracks.csv, summary.json and
