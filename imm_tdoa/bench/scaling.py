@@ -18,6 +18,7 @@ from imm_tdoa.engine import Engine
 FLAT = Goal(1.15)
 STRAIGHT = Goal(0.15)
 WHOLE = 150_000  # target-steps that are timed at least: smaller jobs are run several times on end
+LONG = 2_000_000  # the same beside a million targets, so that all see the machine's ups and downs
 BYTES = 1000  # of memory per target, besides its values
 SPARE = 0.5  # share of the machine's memory that may be used
 
@@ -45,7 +46,7 @@ class Size:
     modes: tuple[int, ...] = (1, 2, 3, 4, 5, 6)
     stations: tuple[int, ...] = (3, 4, 6, 8, 12, 16)
     shape: tuple[int, int] = (4096, 25)
-    repetitions: int = 5
+    repetitions: int = 7
 
 
 FULL = Size()
@@ -57,6 +58,7 @@ QUICK = Size(
     modes=(1, 2, 3, 4),
     stations=(3, 4, 8),
     shape=(1024, 20),
+    repetitions=5,
 )
 
 
@@ -66,7 +68,8 @@ def measure(size: Size, tell: Callable[[str], None], engine: Engine = "compiled"
     sizes = _fitting(size)
     whole = jobs.job(max(sizes), size.target_scans)
     tell("cost against the number of targets")
-    points, by_targets = _curve("targets", {n: whole.first(n) for n in sizes}, size, engine)
+    batches = {n: whole.first(n) for n in sizes}
+    points, by_targets = _curve("targets", batches, size, engine, min(LONG, whole.steps))
     del whole
     tell("cost against the number of scans")
     long = jobs.job(size.scan_targets, max(size.scans))
@@ -114,14 +117,15 @@ def _fitting(size: Size) -> list[int]:
 
 
 def _curve(
-    against: str, by: dict[int, Job], size: Size, engine: Engine, threads: int = 1
+    against: str, by: dict[int, Job], size: Size, engine: Engine, least: int | None = None
 ) -> tuple[list[Point], list[Timing]]:
     """Time the jobs in turns; return points, and seconds per target-step."""
     tasks = {
-        str(x): lambda job=job: job.run(engine=engine, keep="final", threads=threads)
+        str(x): lambda job=job: job.run(engine=engine, keep="final", threads=1)
         for x, job in by.items()
     }
-    often = {str(x): max(round(WHOLE / job.steps), 1) for x, job in by.items()}
+    least = WHOLE if least is None else least
+    often = {str(x): max(round(least / job.steps), 1) for x, job in by.items()}
     spent = side_by_side(tasks, size.repetitions, often)
     points = [Point.of(against, x, spent[str(x)], job.steps, "one thread") for x, job in by.items()]
     return points, [spent[str(x)] / job.steps for x, job in by.items()]
