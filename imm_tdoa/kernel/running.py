@@ -157,9 +157,7 @@ def run(
     if pairs is not None and pairs.ndim > 3:
         pairs = np.broadcast_to(pairs, (*batch, *pairs.shape[-3:])).reshape(B, *pairs.shape[-3:])
     lanes = lanes_for(B)
-    L = len(lanes)
     workers = sharing.workers(B, T) if threads is None else threads
-    size = sharing.share(B, T, workers, L)
     shared: Feed | None = None
     if len(times) == 1 and pairs is None:
         shared = feeding.template(plan)
@@ -167,8 +165,7 @@ def run(
             tables, step = plan.tables(dt)
             shared = shared._replace(tables=tables, step=step, since=since)
 
-    def job(a: int) -> _Job:
-        part = slice(a, min(a + size, B))
+    def job(part: slice) -> _Job:
         if shares:
             records[part] = begun
 
@@ -205,7 +202,8 @@ def run(
         )
 
     if begin + 1 < T:
-        failures = sharing.work([*range(0, B, size)], job, workers)
+        parts = sharing.shares(B, T, workers, len(lanes))
+        failures = sharing.work(parts, job, workers)
         if failures:
             raise min(failures).error()
     return out

@@ -10,48 +10,54 @@ from typing import TypeVar
 from imm_tdoa._processors import processors
 
 CHUNK = 4096  # targets whose arrays are made at a time, at most
-PIECE = 32_768  # steps of a target that a worker takes at a time: a few milliseconds
+PIECE = 4096  # steps of a target that a worker takes at a time, at least: about a millisecond
+WORTH = 8 * PIECE  # steps of a target that are worth another worker
 
 Failure = TypeVar("Failure")
 
 
 def workers(targets: int, scans: int) -> int:
     """Return how many workers so much is worth."""
-    return min(processors(), 1 + targets * scans // PIECE)
+    return min(processors(), 1 + targets * scans // WORTH)
 
 
-def share(targets: int, scans: int, workers: int, lanes: int) -> int:
-    """Return how many targets a worker takes at a time, in whole blocks.
+def shares(targets: int, scans: int, workers: int, lanes: int) -> list[slice]:
+    """Return the targets of each share, in whole blocks, as workers take one after the other.
 
-    Several shares for each, equally many and equally large, so that all end together.
+    Guided self-scheduling (Polychronopoulos & Kuck 1987): each is half of what a worker would get
+    of the rest, so that they become smaller and all workers end together, also where one is slowed
+    down meanwhile.
     """
-    most = CHUNK if workers == 1 else min(CHUNK, max(PIECE // scans, 1))
-    rounds = -(-targets // (workers * most))
-    size = -(-targets // (workers * rounds))
-    return -(-size // lanes) * lanes
+    parts, begin = [], 0
+    while begin < targets:
+        size = CHUNK if workers == 1 else max((targets - begin) // (2 * workers), PIECE // scans, 1)
+        end = min(begin + -(-min(size, CHUNK) // lanes) * lanes, targets)
+        parts.append(slice(begin, end))
+        begin = end
+    return parts
 
 
 def work(
-    begins: list[int], job: Callable[[int], Callable[[], Failure | None]], workers: int
+    parts: list[slice], job: Callable[[slice], Callable[[], Failure | None]], workers: int
 ) -> list[Failure]:
-    """Do the jobs that begin there; return what went wrong.
+    """Do the job of each share; return what went wrong.
 
     Each worker, this thread among them, takes the next when it has done one.
     """
-    todo: deque[int] = deque(begins)
+    todo = deque(parts)
     failures: list[Failure] = []
 
     def one_by_one() -> None:
         try:
-            while (a := _next(todo)) is not None:
-                failure = job(a)()
+            while (part := _next(todo)) is not None:
+                failure = job(part)()
                 if failure is not None:
                     failures.append(failure)
         except BaseException:
             todo.clear()
             raise
 
-    helpers = min(workers, len(begins)) - 1
+    helpers = min(workers, len(parts)) - 1
     if helpers == 0:
         one_by_one()
     else:
@@ -63,7 +69,7 @@ def work(
     return failures
 
 
-def _next(todo: deque[int]) -> int | None:
+def _next(todo: deque[slice]) -> slice | None:
     """Take the next, unless another worker has just taken the last."""
     try:
         return todo.popleft()

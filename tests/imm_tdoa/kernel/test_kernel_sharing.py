@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imm_tdoa.kernel import sharing
-from imm_tdoa.kernel.sharing import share, work
+from imm_tdoa.kernel.sharing import shares, work
 
 
 @given(
@@ -19,21 +19,34 @@ from imm_tdoa.kernel.sharing import share, work
     workers=st.integers(1, 9),
     lanes=st.sampled_from([1, 4, 16]),
 )
-def test_shares_are_whole_blocks_and_bounded(targets, scans, workers, lanes):
-    size = share(targets, scans, workers, lanes)
-    assert size % lanes == 0
-    assert 0 < size < sharing.CHUNK + lanes
-    if workers > 1:
-        assert size * scans < sharing.PIECE + lanes * scans
+def test_shares_are_whole_blocks_each_target_in_one(targets, scans, workers, lanes):
+    parts = shares(targets, scans, workers, lanes)
+    assert [part.start for part in parts] == [0, *(part.stop for part in parts[:-1])]
+    assert parts[-1].stop == targets
+    sizes = [part.stop - part.start for part in parts]
+    assert all(size % lanes == 0 for size in sizes[:-1])
+    assert 0 < min(sizes) <= max(sizes) < sharing.CHUNK + lanes
 
 
-@given(rounds=st.integers(1, 20), workers=st.integers(1, 9), scans=st.integers(1, 500))
-def test_equal_shares_are_as_many_for_each_worker(rounds, workers, scans):
-    targets = 1024 * workers * rounds
-    size = share(targets, scans, workers, 1)
-    most = sharing.CHUNK if workers == 1 else min(sharing.CHUNK, max(sharing.PIECE // scans, 1))
-    shares = -(-targets // size)
-    assert shares <= workers * -(-targets // (workers * most))
+@given(
+    targets=st.integers(1, 100_000),
+    scans=st.integers(1, 500),
+    workers=st.integers(2, 9),
+    speed=st.floats(0.5, 1.0),
+)
+def test_workers_end_together_though_one_is_slow(targets, scans, workers, speed):
+    """Whoever ends last takes one of the smallest shares last.
+
+    A share of the rest R is R / 2w at most. Of a worker half as fast it takes R / w, and before
+    that the w - 1 others cannot end what is left, R (1 - 1 / 2w).
+    """
+    clock = [0.0] * workers
+    for part in shares(targets, scans, workers, 1):
+        k = clock.index(min(clock))
+        clock[k] += (part.stop - part.start) / (speed if k == 0 else 1.0)
+    evenly = targets / (workers - 1 + speed)
+    smallest = max(sharing.PIECE // scans, 1)
+    assert max(clock) <= (evenly + smallest / speed) * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize("workers", [1, 2, 5])
