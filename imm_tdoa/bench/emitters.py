@@ -133,5 +133,6 @@ def _growth(what: str, spent: Mapping[str, Timing], counts: list[int], goal: Goa
     """Return by which power of the number of targets the time grows."""
     few, many = min(counts), max(counts)
     ratio = spent[str(many)] / spent[str(few)]
-    power = Timing(tuple(log(r) / log(many / few) for r in ratio.values))
+    values = tuple(log(r) / log(many / few) for r in ratio.values)
+    power = attrs.evolve(ratio, values=values)
     return Figure.of(what, power, goal=goal)

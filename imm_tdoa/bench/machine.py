@@ -12,6 +12,7 @@ from typing import Any
 from imm_tdoa._processors import processors
 
 PACKAGES = ("imm-tdoa", "numpy", "scipy", "numba", "llvmlite", "filterpy", "stonesoup")
+TICK = 0.01  # s, to which Linux tells how long processors did what
 
 
 def memory() -> int | None:
@@ -39,6 +40,18 @@ def load() -> float | None:
         return os.getloadavg()[0]
     except (AttributeError, OSError):
         return None
+
+
+def stolen() -> float:
+    """Return how long processors were wanted here while they computed for others, s, so far.
+
+    A virtual machine's host tells it (steal time); elsewhere it is zero.
+    """
+    try:
+        whole = Path("/proc/stat").read_text(encoding="utf-8").split(maxsplit=9)
+        return int(whole[8]) * TICK
+    except (OSError, IndexError):
+        return 0.0
 
 
 def describe() -> dict[str, Any]:

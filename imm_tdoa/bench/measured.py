@@ -47,6 +47,8 @@ class Figure:
         How often it was measured.
     goal : Goal, optional
         What it is to be.
+    again : int
+        How many timings were set aside, as the host had taken the processors away meanwhile.
     """
 
     what: str
@@ -56,6 +58,7 @@ class Figure:
     high: float
     repetitions: int
     goal: Goal | None = None
+    again: int = 0
 
     @classmethod
     def of(
@@ -75,6 +78,7 @@ class Figure:
             factor * timing.high,
             len(timing.values),
             goal,
+            timing.again,
         )
 
     @property

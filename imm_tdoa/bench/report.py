@@ -14,7 +14,7 @@ from imm_tdoa.bench import machine, pictures
 from imm_tdoa.bench.measured import Measured
 from imm_tdoa.recording import _atomic
 
-FIGURES = ("measurement", "what", "value", "unit", "low", "high", "repetitions")
+FIGURES = ("measurement", "what", "value", "unit", "low", "high", "repetitions", "again")
 GOALS = ("goal", "limit", "verdict")
 POINTS = ("against", "x", "cost_us", "low_us", "high_us", "curve")
 
@@ -33,7 +33,7 @@ def write(found: Sequence[Measured], about: Mapping[str, Any], folder: Path) -> 
     """
     folder.mkdir(parents=True, exist_ok=True)
     rows = [
-        (m.name, f.what, f.value, f.unit, f.low, f.high, f.repetitions)
+        (m.name, f.what, f.value, f.unit, f.low, f.high, f.repetitions, f.again)
         + (("", "", "") if f.goal is None else (f.goal.sense, f.goal.limit, f.verdict))
         for m in found
         for f in m.figures

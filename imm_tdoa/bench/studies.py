@@ -118,7 +118,8 @@ def measure(size: Size, tell: Callable[[str], None]) -> Measured:
     if size.commands:
         tell("the study by its command, in fresh processes")
         command = _command(text, size.commands)
-        ratio = Timing(tuple(whole.median / seconds for seconds in command.values))
+        values = tuple(whole.median / seconds for seconds in command.values)
+        ratio = Timing(values, whole.again)
         figures += [
             Figure.of("imm-tdoa study, from start to end", command, "s", goal=SECONDS),
             Figure.of("times filterpy, the command with tables and report", ratio),

@@ -13,6 +13,7 @@ from imm_tdoa.bench import (
     cold,
     engines,
     fresh,
+    machine,
     memory,
     scaling,
     small,
@@ -32,6 +33,7 @@ def test_a_timing_has_a_middle_and_divides_turn_by_turn():
     assert (spent.median, spent.low, spent.high) == (2.0, 1.0, 3.0)
     assert (spent / 2.0).values == (1.5, 0.5, 1.0)
     assert (spent / Timing((1.0, 0.5, 4.0))).values == (3.0, 2.0, 0.5)
+    assert (Timing((1.0,), 2) / Timing((1.0,), 3) / 2.0).again == 5
 
 
 def test_tasks_are_timed_in_turns_after_one_call_each(monkeypatch):
@@ -43,6 +45,38 @@ def test_tasks_are_timed_in_turns_after_one_call_each(monkeypatch):
     assert called == ["a", "b", "a", *"bbbb", "a", *"bbbb"]
     assert spent["a"].values == (1.0, 1.0)
     assert spent["b"].values == (0.25, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("lost", "kept", "again"),
+    [
+        ((0.0,), 1.0, 0),
+        ((0.04,), 1.0, 0),  # less than a twentieth
+        ((0.5, 0.0), 2.0, 1),
+        ((0.5, 2.4, 0.6, 2.0), 3.0, 3),  # in vain: of the least disturbed, share by share
+    ],
+)
+def test_what_the_host_disturbed_is_timed_again(lost, kept, again, monkeypatch):
+    """The k-th try takes k seconds, `lost[k - 1]` of which the host took away."""
+    tries, clocks = itertools.count(1), {"stolen": 0.0}
+
+    def seconds(task, times):
+        k = next(tries)
+        clocks["stolen"] += lost[k - 1]
+        return k / times
+
+    monkeypatch.setattr(clock, "seconds", seconds)
+    monkeypatch.setattr(clock, "stolen", lambda: clocks["stolen"])
+    assert clock.undisturbed(lambda: None, 5) == (kept / 5, again)
+
+
+def test_steal_time_is_read_where_the_system_tells_it(monkeypatch, tmp_path):
+    assert machine.stolen() >= 0.0
+    told = tmp_path / "stat"
+    monkeypatch.setattr(machine, "Path", lambda _: told)
+    assert machine.stolen() == 0.0
+    told.write_text("cpu  1 2 3 4 5 6 7 80 9 10\ncpu0 1 2 3 4 5 6 7 8 9 10\n")
+    assert machine.stolen() == pytest.approx(0.8)
 
 
 @pytest.mark.parametrize(
