@@ -13,8 +13,8 @@ import attrs
 from imm_tdoa.bench.machine import TICK, stolen
 
 Task = Callable[[], Any]
-DISTURBED = 0.05  # share of a repetition's time for which processors were taken away from it
-TRIES = 4  # how often a repetition is made at most, until one is undisturbed
+DISTURBED = 0.02  # share of a repetition's time for which processors were taken away from it
+PATIENCE = 1.0  # s for which a repetition is made again, at most, until one is undisturbed
 
 
 @attrs.frozen
@@ -78,16 +78,18 @@ def undisturbed(task: Task, times: int = 1) -> tuple[float, int]:
     """Return how long one call takes, s, and how many measurements were set aside.
 
     A virtual machine's host may lend the processors to others meanwhile, which says nothing of
-    the task. Such a measurement is made again; of `TRIES` in vain the least disturbed counts.
+    the task. Such a measurement is made again; where all are disturbed, the least disturbed counts.
     """
     tries: list[tuple[float, float]] = []
-    while len(tries) < TRIES:
+    patience = PATIENCE
+    while patience > 0.0:
         before = stolen()
         each = seconds(task, times)
         lost = stolen() - before
         tries.append((lost / (each * times), each))
-        if lost < 1.5 * TICK or lost < DISTURBED * each * times:
+        if lost <= max(DISTURBED * each * times, 0.5 * TICK):
             break
+        patience -= each * times
     return min(tries)[1], len(tries) - 1
 
 

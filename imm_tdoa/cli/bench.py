@@ -57,11 +57,11 @@ def bench(
 
         imm-tdoa bench --only batch --only streaming
 
-    The whole takes about seven minutes; the very first time, compiling is added. Every figure is
+    The whole takes about eight minutes; the very first time, compiling is added. Every figure is
     the median of several repetitions (the smallest and the largest stand beside it), and ratios
-    are of things timed in turns. On a virtual machine whose host lends the processors to others for
-    over a twentieth of a repetition, it is made again, up to three times; the column "again" counts
-    these.
+    are of things timed in turns. A repetition is made again, for a second at most, where a virtual
+    machine's host has lent the processors to others meanwhile (steal time, a fiftieth of it or
+    more); the column "again" counts these, and the whole takes longer.
 
     * **batch**: 16384 targets, 50 scans, against filterpy, in one thread and in two
     * **streaming**: one target through IMM.step, against filterpy

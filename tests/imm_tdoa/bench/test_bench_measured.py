@@ -24,6 +24,12 @@ from imm_tdoa.bench.clock import Timing
 from imm_tdoa.bench.measured import Figure, Goal, Point
 
 
+@pytest.fixture(autouse=True)
+def quiet_host(monkeypatch):
+    """Nobody takes the processors away."""
+    monkeypatch.setattr(clock, "stolen", lambda: 0.0)
+
+
 def quiet(_: str) -> None:
     """Listen to nothing."""
 
@@ -50,20 +56,20 @@ def test_tasks_are_timed_in_turns_after_one_call_each(monkeypatch):
 @pytest.mark.parametrize(
     ("lost", "kept", "again"),
     [
-        ((0.0,), 1.0, 0),
-        ((0.04,), 1.0, 0),  # less than a twentieth
-        ((0.5, 0.0), 2.0, 1),
-        ((0.5, 2.4, 0.6, 2.0), 3.0, 3),  # in vain: of the least disturbed, share by share
+        ((0.0,), 0.25, 0),
+        ((0.005,), 0.25, 0),  # a fiftieth
+        ((0.1, 0.0), 0.5, 1),
+        ((0.1, 0.6, 0.15, 0.0), 0.75, 2),  # in vain for a second: the smallest share
     ],
 )
 def test_what_the_host_disturbed_is_timed_again(lost, kept, again, monkeypatch):
-    """The k-th try takes k seconds, `lost[k - 1]` of which the host took away."""
+    """The k-th try takes k / 4 seconds, `lost[k - 1]` of which the host took away."""
     tries, clocks = itertools.count(1), {"stolen": 0.0}
 
     def seconds(task, times):
         k = next(tries)
         clocks["stolen"] += lost[k - 1]
-        return k / times
+        return 0.25 * k / times
 
     monkeypatch.setattr(clock, "seconds", seconds)
     monkeypatch.setattr(clock, "stolen", lambda: clocks["stolen"])
