@@ -31,8 +31,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 
+from imm_tdoa.bench import clock
 from imm_tdoa.bench.measured import Figure, Goal, Measured, Point
 
+PATIENCE = 1.0  # s for which a repetition that the host disturbed is made again
 MEASUREMENTS: dict[str, tuple[str, str]] = {  # name: module and function
     "batch": ("batch", "measure"),
     "streaming": ("streaming", "measure"),
@@ -61,7 +63,7 @@ def run(
     only : sequence of str
         Which of `MEASUREMENTS`; default all.
     quick : bool
-        Smaller jobs, fewer repetitions.
+        Smaller jobs, fewer repetitions, and what the host disturbs stays.
     tell : callable
         Is told how many measurements are done and what comes next.
 
@@ -78,4 +80,6 @@ def run(
         module, function = MEASUREMENTS[name]
         part = import_module(f"imm_tdoa.bench.{module}")
         size = part.QUICK if quick else part.FULL
-        yield getattr(part, function)(size, lambda what, done=done: tell(done, what))
+        with clock.patient(0.0 if quick else PATIENCE):
+            found = getattr(part, function)(size, lambda what, done=done: tell(done, what))
+        yield found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from threading import Thread
 
 import attrs
@@ -33,15 +34,19 @@ class Size:
         How many of the targets the other libraries track in each repetition.
     repetitions : int
         How often each is timed.
+    turns : int
+        How often one thread and two take turns: their ratio is told to a few hundredths, more
+        finely than the moments of a machine are alike.
     """
 
     targets: int = 16384
     scans: int = 50
     peer_targets: int = 4
     repetitions: int = 15
+    turns: int = 75
 
 
-FULL, QUICK = Size(), Size(targets=4096, peer_targets=2, repetitions=5)
+FULL, QUICK = Size(), Size(targets=4096, peer_targets=2, repetitions=5, turns=15)
 
 
 def measure(size: Size, tell: Callable[[str], None], engine: Engine = "compiled") -> Measured:
@@ -52,18 +57,12 @@ def measure(size: Size, tell: Callable[[str], None], engine: Engine = "compiled"
     with threadpool_limits(1):
         member = peers.fastest(job)
         apart = peers.disagreement(job, size.peer_targets, member, engine=engine)
-    tell("batch, filterpy and threads")
-    several = processors() > 1
-
-    def ours(keep: str, threads: int) -> Task:
-        return lambda: job.run(engine=engine, keep=keep, threads=threads)
-
-    tasks: dict[str, Task] = {"filterpy": lambda: peers.follow(job, size.peer_targets, member)}
-    for keep in ("final", "all"):
-        tasks[f"{keep} 1"] = ours(keep, 1)
-        if several:
-            tasks[f"{keep} 2"] = ours(keep, 2)
-            tasks[f"{keep} halves"] = _halves(job, keep, engine)
+    tell("batch and filterpy")
+    tasks: dict[str, Task] = {
+        "filterpy": lambda: peers.follow(job, size.peer_targets, member),
+        "final": lambda: job.run(engine=engine, keep="final", threads=1),
+        "all": lambda: job.run(engine=engine, keep="all", threads=1),
+    }
     with threadpool_limits(1):
         spent = side_by_side(tasks, size.repetitions)
     peer = spent["filterpy"] / (size.peer_targets * size.scans)
@@ -72,34 +71,48 @@ def measure(size: Size, tell: Callable[[str], None], engine: Engine = "compiled"
         Figure("largest difference between the answers", apart, "σ", apart, apart, 1, SAME),
     ]
     for keep in ("final", "all"):
-        one = spent[f"{keep} 1"] / job.steps
+        one = spent[keep] / job.steps
         figures += [
             Figure.of(f"one thread, keep={keep!r}", one, "µs per target-step", 1e6),
             Figure.of(f"times filterpy, keep={keep!r}", peer / one, "", goal=TIMES_FILTERPY),
         ]
-        if several:
-            two = spent[f"{keep} 2"] / job.steps
-            machine = one / (spent[f"{keep} halves"] / job.steps)
-            figures += [
-                Figure.of(f"two threads, keep={keep!r}", two, "µs per target-step", 1e6),
-                Figure.of(f"two threads over one, keep={keep!r}", one / two, "", goal=TWO_THREADS),
-                Figure.of(f"two runs of half each, keep={keep!r}", machine),
-            ]
-    found, note = _stone_soup(size, engine)
     notes = [
         f"filterpy's members: {member.__name__} ({member.__mro__[1].__name__}), the quicker way "
-        f"of {len(peers.MEMBERS)}; modes embedded in {len(job.imm.space.components)} components.",
-        note,
+        f"of {len(peers.MEMBERS)}; modes embedded in {len(job.imm.space.components)} components."
     ]
-    if several:
+    if processors() > 1:
+        tell("batch, two threads")
+        figures += _two_threads(job, size, engine)
         notes.append(
             "Two runs of half the targets each, at the same time, in a thread each: what this "
             "machine gives where nothing is shared."
         )
     else:
         notes.append("Two threads: left out, this process may use one processor only.")
+    tell("batch, Stone Soup")
+    found, note = _stone_soup(size, engine)
     title = f"{size.targets} targets, {size.scans} scans, 3 modes, 3 differences in 2-D"
-    return Measured("batch", title, (*figures, *found), notes=tuple(notes))
+    return Measured("batch", title, (*figures, *found), notes=(*notes, note))
+
+
+def _two_threads(job: Job, size: Size, engine: Engine) -> list[Figure]:
+    """Compare two threads with one, and with what the machine gives."""
+    figures = []
+    for keep, turns in (("final", size.turns), ("all", size.repetitions)):
+        tasks: dict[str, Task] = {
+            "one": partial(job.run, engine=engine, keep=keep, threads=1),
+            "two": partial(job.run, engine=engine, keep=keep, threads=2),
+            "halves": _halves(job, keep, engine),
+        }
+        with threadpool_limits(1):
+            spent = side_by_side(tasks, turns)
+        two, ratio = spent["two"] / job.steps, spent["one"] / spent["two"]
+        figures += [
+            Figure.of(f"two threads, keep={keep!r}", two, "µs per target-step", 1e6),
+            Figure.of(f"two threads over one, keep={keep!r}", ratio, "", goal=TWO_THREADS),
+            Figure.of(f"two runs of half each, keep={keep!r}", spent["one"] / spent["halves"]),
+        ]
+    return figures
 
 
 def _halves(job: Job, keep: str, engine: Engine) -> Task:

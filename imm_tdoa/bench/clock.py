@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gc
 import statistics
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from time import perf_counter
 from typing import Any
 
@@ -14,7 +16,7 @@ from imm_tdoa.bench.machine import TICK, stolen
 
 Task = Callable[[], Any]
 DISTURBED = 0.02  # share of a repetition's time for which processors were taken away from it
-PATIENCE = 1.0  # s for which a repetition is made again, at most, until one is undisturbed
+PATIENCE = ContextVar("PATIENCE", default=0.0)  # s for which a repetition is made again
 
 
 @attrs.frozen
@@ -78,11 +80,12 @@ def undisturbed(task: Task, times: int = 1) -> tuple[float, int]:
     """Return how long one call takes, s, and how many measurements were set aside.
 
     A virtual machine's host may lend the processors to others meanwhile, which says nothing of
-    the task. Such a measurement is made again; where all are disturbed, the least disturbed counts.
+    the task. Such a measurement is made again while there is patience (`patient`); where all are
+    disturbed, the least disturbed counts.
     """
     tries: list[tuple[float, float]] = []
-    patience = PATIENCE
-    while patience > 0.0:
+    patience = PATIENCE.get()
+    while not tries or patience > 0.0:
         before = stolen()
         each = seconds(task, times)
         lost = stolen() - before
@@ -91,6 +94,16 @@ def undisturbed(task: Task, times: int = 1) -> tuple[float, int]:
             break
         patience -= each * times
     return min(tries)[1], len(tries) - 1
+
+
+@contextmanager
+def patient(seconds: float) -> Iterator[None]:
+    """Make what the host disturbs again for so long, s; 0: never."""
+    token = PATIENCE.set(seconds)
+    try:
+        yield
+    finally:
+        PATIENCE.reset(token)
 
 
 def side_by_side(

@@ -39,7 +39,7 @@ class Part(StrEnum):
 
 def bench(
     quick: Annotated[
-        bool, typer.Option("--quick", help="Smaller jobs, fewer repetitions: under a minute.")
+        bool, typer.Option("--quick", help="Smaller jobs, fewer repetitions: about a minute.")
     ] = False,
     only: Annotated[
         list[Part] | None,
@@ -59,9 +59,9 @@ def bench(
 
     The whole takes about eight minutes; the very first time, compiling is added. Every figure is
     the median of several repetitions (the smallest and the largest stand beside it), and ratios
-    are of things timed in turns. A repetition is made again, for a second at most, where a virtual
-    machine's host has lent the processors to others meanwhile (steal time, a fiftieth of it or
-    more); the column "again" counts these, and the whole takes longer.
+    are of things timed in turns. Without --quick a repetition is made again, for a second at most,
+    where a virtual machine's host has lent the processors to others meanwhile (steal time, over a
+    fiftieth of it); the column "again" counts these, and the whole takes longer.
 
     * **batch**: 16384 targets, 50 scans, against filterpy, in one thread and in two
     * **streaming**: one target through IMM.step, against filterpy
