@@ -34,7 +34,7 @@ def python(
     """
     begun = perf_counter()
     done = subprocess.run(
-        [sys.executable, *arguments],
+        [sys.executable, "-P", *arguments],  # not a package that happens to lie in the folder
         env={**os.environ, **(environment or {})},
         cwd=cwd,
         capture_output=True,

@@ -92,13 +92,16 @@ def bench(
             soft_wrap=True,
         )
     found: list[Measured] = []
-    with _progress(len(names) or len(Part)) as tell:
-        for measured in measurements.run(names, quick, tell):
-            found.append(measured)
-            _tell(console, measured)
-    _tell_goals(console, found)
-    files = report.write(found, {**about, "quick": quick}, out)
-    output.written(console, out, files)
+    try:
+        with _progress(len(names) or len(Part)) as tell:
+            for measured in measurements.run(names, quick, tell):
+                found.append(measured)
+                _tell(console, measured)
+    finally:  # what was measured before something failed, or was interrupted, is kept
+        if found:
+            _tell_goals(console, found)
+            files = report.write(found, {**about, "quick": quick}, out)
+            output.written(console, out, files)
 
 
 @contextmanager

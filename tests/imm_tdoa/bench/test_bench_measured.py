@@ -199,6 +199,11 @@ def test_a_fresh_process_reports_or_says_what_failed():
         fresh.python(["-c", "raise ValueError('no good')"])
 
 
+def test_a_fresh_process_takes_no_package_from_the_folder_it_is_started_in(tmp_path):
+    (tmp_path / "imm_tdoa.py").write_text("raise RuntimeError('the wrong one')")
+    assert fresh.python(["-c", "import imm_tdoa"], cwd=str(tmp_path))[1] == {}
+
+
 def test_memory_is_known():
     assert 10 * 2**20 < memory.resident("VmRSS") <= memory.resident("VmHWM")
 

@@ -60,6 +60,19 @@ def test_measures_everything_by_default(tmp_path, measured):
     assert measured == [((), False)]
 
 
+def test_what_was_measured_before_a_failure_is_written(tmp_path, monkeypatch):
+    def breaks(only, quick, tell):
+        yield FOUND
+        raise ValueError("a fresh process failed")
+
+    monkeypatch.setattr(bench, "run", breaks)
+    code, text = run("bench", "--out", tmp_path)
+    assert code != 0
+    assert "a fresh process failed" in words(text)
+    written = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))
+    assert [m["name"] for m in written["measurements"]] == [FOUND.name]
+
+
 def test_says_when_others_compute(tmp_path, measured, monkeypatch):
     from imm_tdoa.bench import machine
 
