@@ -40,7 +40,7 @@ class Size:
     """
 
     targets: tuple[int, ...] = (1_000, 10_000, 100_000, 1_000_000)
-    target_scans: int = 20
+    target_scans: int = 50
     scans: tuple[int, ...] = (10, 20, 50, 100, 200, 400)
     scan_targets: int = 2048
     modes: tuple[int, ...] = (1, 2, 3, 4, 5, 6)
