@@ -57,7 +57,7 @@ def bench(
 
         imm-tdoa bench --only batch --only streaming
 
-    The whole takes about eight minutes; the very first time, compiling is added. Every figure is
+    The whole takes ten to twenty minutes; the very first time, compiling is added. Every figure is
     the median of several repetitions (the smallest and the largest stand beside it), and ratios
     are of things timed in turns. Without --quick a repetition is made again, for a second at most,
     where a virtual machine's host has lent the processors to others meanwhile (steal time, over a
@@ -80,6 +80,7 @@ def bench(
     from imm_tdoa.bench import machine, report
 
     output.refuse_taken(out)
+    out.mkdir(parents=True, exist_ok=True)  # refused before it is measured, not after
     about = machine.describe()
     names = [part.value for part in only or ()]
     console = output.console()

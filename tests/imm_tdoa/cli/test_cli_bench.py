@@ -73,6 +73,14 @@ def test_what_was_measured_before_a_failure_is_written(tmp_path, monkeypatch):
     assert [m["name"] for m in written["measurements"]] == [FOUND.name]
 
 
+def test_a_folder_that_cannot_be_made_is_refused_before_measuring(tmp_path, measured):
+    (tmp_path / "file").touch()
+    code, text = run("bench", "--out", tmp_path / "file" / "out")
+    assert code != 0
+    assert "out" in words(text)
+    assert measured == []
+
+
 def test_says_when_others_compute(tmp_path, measured, monkeypatch):
     from imm_tdoa.bench import machine
 
